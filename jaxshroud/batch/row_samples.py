@@ -10,7 +10,7 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from jaxshroud.batch.cubics import SampledAmplitudes
-from jaxshroud.batch.pace import CallPace
+from jaxshroud.batch.limits import CallPace
 from jaxshroud.batch.periods import CallLimits, Clock, Interim, first_passes, select_tree
 from jaxshroud.batch.plan import Tick
 from jaxshroud.batch.rows import (

@@ -6,16 +6,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.cache.programs import is_traced, kept
 from jaxshroud.march.log import is_of_blades
 from jaxshroud.march.observables import ContactForces, contact_forces
 from jaxshroud.model.arithmetic import ABSENT, filled, is_absent, sincos_turns
 from jaxshroud.model.blade import ElasticMotion
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.prepared import Model, State, as_pairs, prepared_model
-from jaxshroud.programs.kept import is_traced, kept
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import PAIR, Layout
-from jaxshroud.scene.parts import COORDINATES
+from jaxshroud.scene.layout import COORDINATES, PAIR, Layout
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
 

@@ -9,12 +9,11 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.batch.input_status import admit, status_if_admitted
+from jaxshroud.batch.march_protocol import SweepPlan
 from jaxshroud.batch.marches import march_of, require_march
 from jaxshroud.batch.periods import LANES_PER_CALL
-from jaxshroud.batch.pure_march import SweepPlan
 from jaxshroud.batch.states import initial_states
-from jaxshroud.batch.stopped import nan_where, replaced_where
+from jaxshroud.batch.stopped import admit, nan_where, replaced_where, status_if_admitted
 from jaxshroud.batch.xla import compiled
 from jaxshroud.march.method import EXPLICIT, Choices, Method, explicit
 from jaxshroud.model.geometry import gyration

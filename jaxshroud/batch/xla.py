@@ -25,11 +25,11 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Int
 
+from jaxshroud.cache.programs import is_traced, kept
 from jaxshroud.march.carry import EachLane
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import StageGroups, stepper_for
 from jaxshroud.model.arithmetic import Scalar
-from jaxshroud.programs.kept import is_traced, kept
 from jaxshroud.scene.typed import Tree
 
 WIDE_VECTORS = {"xla_cpu_prefer_vector_width": 512}  # the widest registers, where the CPU has them

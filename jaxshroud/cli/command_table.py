@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-from jaxshroud.cli.arg_types import count, engine_orders, number, path, positive, shares, speed, width
 from jaxshroud.cli.option_table import (
     METHOD_FLAGS,
     SCATTER_FLAGS,
@@ -10,7 +9,15 @@ from jaxshroud.cli.option_table import (
     AxisPart,
     NewAxis,
     Option,
+    count,
+    engine_orders,
+    number,
+    path,
+    positive,
     shared_option,
+    shares,
+    speed,
+    width,
 )
 from jaxshroud.march.method_names import LINEAR_STATES, RANKED_BY, RESPONSES
 from jaxshroud.scene.quantities import REQUIRED_REDUCTIONS

@@ -1,4 +1,7 @@
-"""The state that a lane carries through the march, its constants, and what an event changes in it."""
+"""The state that a lane, a pair or a row of blades, carries through the march, and its constants.
+
+What an event changes in the state is here too; for the axes of rows see `model.row`.
+"""
 
 from collections.abc import Callable
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -171,3 +174,19 @@ def status_of(turned: Bool[Array, "..."], lost: Bool[Array, "..."], too_many: Bo
     status = where(too_many, Status.TOO_MANY_EVENTS, Status.OK)
     status = where(turned, Status.ANGLE_OUT_OF_RANGE, status)
     return where(lost, Status.NOT_FINITE, status).astype(jnp.int32)
+
+
+class InterfaceChange(NamedTuple):
+    """The change of one interface at an event."""
+
+    u_s: Any
+    mode: Int[Array, ""]
+    case: Int[Array, ""]
+    becomes_flat: Bool[Array, ""]
+    turns: Int[Array, ""] | None  # changes of case within this step; None where the blocks do not turn
+    jumped: Bool[Array, ""]  # guards may have jumped
+    springs: Scalar  # energy gained by the contact springs [J]
+    counted: dict[str, Any]  # values of the observables that take the event
+    v: Scalar  # penetration before it [m]
+    margins: EventMargins | None  # None where they are not logged
+    lift: Lift | None  # None where no log asks for it

@@ -1,4 +1,4 @@
-"""The tally of a pair through its trials; what is logged, and how, stands in `logged`."""
+"""The tally of pairs and rows through their trials; what is logged, and how, stands in `logged`."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -6,17 +6,20 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from jaxshroud.march.carry import InterfaceChange
 from jaxshroud.march.events import place_contact
+from jaxshroud.march.extremes import ContactSeries, MotionSeries
 from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observable import Beginning, BladeTrial, Ending, InterfaceTrial, Observable
-from jaxshroud.march.series_extremes import ContactSeries, MotionSeries
+from jaxshroud.march.observable import Beginning, BladeTrial, Ending, InterfaceTrial, Observable, Per
+from jaxshroud.march.row_step import OfLanes, RowStepEnd
 from jaxshroud.march.tally import EnergyJumps, Log, Tally, no_margins
 from jaxshroud.model.arithmetic import ABSENT, Scalar, is_absent, zeros_for
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
 from jaxshroud.model.rhs import Integrals, rhs
+from jaxshroud.model.row import Each, OfInterfaces, RowModel, both_sides, over, pair_states
 from jaxshroud.scene.keys import Motion
 
 
@@ -120,3 +123,92 @@ def is_of_blades(tree: Any) -> bool:
 def _of_side(i: int, tree: Any) -> Any:
     """A tree with the numbers of one blade in place of pairs."""
     return jax.tree.map(lambda a: a[i] if is_of_blades(a) else a, tree, is_leaf=is_of_blades)
+
+
+class RowTrial(NamedTuple):
+    """A trial of a row that was accepted, as far as the tally asks."""
+
+    start: State
+    mode: Any  # of each interface during it
+    h: OfLanes  # its length [s]
+    end: RowStepEnd  # before what happens there
+    after: Any  # motion after it
+    change: InterfaceChange
+    dropped: OfLanes  # energy lost where flat contact ended a rocking motion [J]
+    step: Any  # in which it was made, and
+    next_step: Any  # in which the next one is made
+
+
+def penetrations(state: State, model: RowModel, each: Each) -> OfInterfaces:
+    """The penetration at each interface [m]."""
+    return over(each, _penetration_at, pair_states(state, model), model.interfaces)
+
+
+def _penetration_at(state: State, model: Model) -> Scalar:
+    return place_contact(state.motion, state, model)[2].v
+
+
+def new_row_log(state: State, at: OfInterfaces, model: RowModel, method: Choices, each: Each) -> Log:
+    """The log of a row that starts from `state`; `at` are zeros."""
+    motion, v = model.blades.shroud(state.motion), penetrations(state, model, each)
+    contact = Beginning(None, at, v, model.interfaces)
+    zero = jnp.zeros_like(motion.x)
+    blades = Beginning(motion, zero, zero, None)
+    start = lambda one: one.start(contact if one.per == "interface" else blades)
+    return log_of({one.name: start(one) for one in observables_of(method)})
+
+
+def updated_row_tally(tally: Tally, trial: RowTrial, model: RowModel, method: Choices, each: Each) -> Tally:
+    """The tally after a trial."""
+    jumps = EnergyJumps(trial.change.springs, trial.dropped)
+    tally = tally.plus(trial.end.gain, jumps)._replace(margins=trial.change.margins)
+    return tally if tally.log is None else tally._replace(log=_updated_row_log(tally.log, trial, model, method, each))
+
+
+def _updated_row_log(log: Log, trial: RowTrial, model: RowModel, method: Choices, each: Each) -> Log:
+    shroud = model.blades.shroud
+    change, end = trial.change, shroud(trial.end.state.motion)
+    contact = InterfaceTrial(trial.h, trial.mode, change.v, trial.mode == Mode.APART)
+    blades = BladeTrial(shroud(trial.start.motion), end, shroud(trial.after), trial.h, trial.step, trial.next_step)
+    at_once = {
+        one.name: one.update(value_in(log, one.name), contact if one.per == "interface" else blades)
+        for one in observables_of(method)
+        if one.takes == "all"
+    }
+    values = at_once | change.counted
+    if takers_of_one("interface", method):
+        start, end = pair_states(trial.start, model), both_sides(end, model.closed)
+        loads = trial.end.gain.loads
+        contact = contact._replace(start=start, end=end, lift=change.lift, loads=loads, model=model.interfaces)
+        values |= _updated_each(log, contact, takers_of_one("interface", method), each)
+    if takers_of_one("blade", method):
+        values |= _updated_each(log, blades, takers_of_one("blade", method), each)
+    return log_of(values)
+
+
+def takers_of_one(per: Per, method: Choices) -> list[Observable]:
+    """The observables whose functions take one interface, or one blade."""
+    return [one for one in observables_of(method) if one.per.endswith(per) and one.takes == "one"]
+
+
+def takers_of_events(method: Choices) -> list[Observable]:
+    """The observables whose updates take the event that ends a trial."""
+    return [one for one in observables_of(method) if one.takes == "event"]
+
+
+def _updated_each(log: Log, trial: Any, observables: list[Observable], each: Each) -> dict[str, Any]:
+    """The values of observables after a trial of each interface, or of each blade, in one kernel."""
+
+    def updated(values: dict[str, Any], trial: Any) -> dict[str, Any]:
+        return {one.name: one.update(values[one.name], trial) for one in observables}
+
+    return over(each, updated, {one.name: value_in(log, one.name) for one in observables}, trial)
+
+
+def tally_of_new_period(tally: Tally, z: Motion, method: Choices) -> Tally:
+    """The tally with what is told of each period reset, at the motion `z`."""
+    integrals, jumps = jax.tree.map(jnp.zeros_like, (tally.integrals, tally.jumps))
+    log = tally.log
+    if log is not None:
+        log = log_of({one.name: one.reset(value_in(log, one.name), z) for one in observables_of(method)})
+    return Tally(integrals, jumps, log, tally.margins)

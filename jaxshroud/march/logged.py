@@ -3,19 +3,23 @@
 import jax
 import jax.numpy as jnp
 
-from jaxshroud.march.cubic_extremes import closing_speed, merged_range, updated_extrema, updated_peaks, updated_range
 from jaxshroud.march.event import Event
 from jaxshroud.march.events import EVENTS
-from jaxshroud.march.method import Choices
-from jaxshroud.march.observable import Beginning, BladeTrial, Ending, InterfaceTrial, Observable, from_zero, lasting
-from jaxshroud.march.series_extremes import (
+from jaxshroud.march.extremes import (
+    closing_speed,
     final_closing_speed,
     merged_extrema,
+    merged_range,
     midpoint_magnitudes,
     taylor_extrema,
     taylor_peaks,
     taylor_range,
+    updated_extrema,
+    updated_peaks,
+    updated_range,
 )
+from jaxshroud.march.method import Choices
+from jaxshroud.march.observable import Beginning, BladeTrial, Ending, InterfaceTrial, Observable, from_zero, lasting
 from jaxshroud.march.tally import (
     ContactPeaks,
     ContactTimes,

@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Int
 from jaxshroud.march.carry import (
     MAX_EVENTS_PER_STEP,
     Fixed,
+    InterfaceChange,
     Lane,
     TimeGrid,
     change_at,
@@ -27,23 +28,28 @@ from jaxshroud.march.event import above_zero, case_switches, check_own_events, g
 from jaxshroud.march.events import FLAT_RETURN
 from jaxshroud.march.guards import Guards, any_of
 from jaxshroud.march.locate import select
-from jaxshroud.march.log import value_in
-from jaxshroud.march.method import Choices
-from jaxshroud.march.observable import Ending, Lift
-from jaxshroud.march.rk_step import interval_in_step, trial_interval
-from jaxshroud.march.row_carry import InterfaceChange
-from jaxshroud.march.row_event_time import RowCrossing, differentiable_event_end, one_after_the_other
-from jaxshroud.march.row_guards import interface_view, row_guards, row_torques
-from jaxshroud.march.row_locate import InterfaceOutcome, RowDecision, interface_outcome, judge_row, row_outcome
-from jaxshroud.march.row_log import (
+from jaxshroud.march.log import (
     RowTrial,
     new_row_log,
     penetrations,
     takers_of_events,
     takers_of_one,
     updated_row_tally,
+    value_in,
 )
-from jaxshroud.march.row_step import OfLanes, RowStepEnd, row_step
+from jaxshroud.march.method import Choices
+from jaxshroud.march.observable import Ending, Lift
+from jaxshroud.march.rk_step import interval_in_step, trial_interval
+from jaxshroud.march.row_guards import interface_view, row_guards, row_torques
+from jaxshroud.march.row_locate import InterfaceOutcome, RowDecision, interface_outcome, judge_row, row_outcome
+from jaxshroud.march.row_step import (
+    OfLanes,
+    RowCrossing,
+    RowStepEnd,
+    differentiable_event_end,
+    one_after_the_other,
+    row_step,
+)
 from jaxshroud.march.search import following_search, new_search
 from jaxshroud.march.tally import EnergyJumps, EventMargins, Log, Tally, no_margins
 from jaxshroud.model.arithmetic import ABSENT, ANGLE_RANGE, Scalar, is_absent, zeros_for

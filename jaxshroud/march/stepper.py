@@ -17,7 +17,7 @@ from jaxshroud.march.taylor_trial import (
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.parts import ContactPart
+from jaxshroud.scene.layout import ContactPart
 
 StageGroups = tuple[int, ...]  # numbers of stages after which a long trial is split into kernels
 

@@ -29,12 +29,12 @@ from jaxshroud.march.carry import (
 )
 from jaxshroud.march.event import case_switches
 from jaxshroud.march.events import EVENTS, FLAT_RETURN, LIFT, happens, number_of
+from jaxshroud.march.extremes import ContactSeries, MotionSeries, deepest_penetration
 from jaxshroud.march.guards import any_of
 from jaxshroud.march.locate import at_event, select
 from jaxshroud.march.log import AcceptedTrial, found_by_series, new_tally, updated_tally
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import BladeTrial, Ending, InterfaceTrial
-from jaxshroud.march.series_extremes import ContactSeries, MotionSeries, deepest_penetration
 from jaxshroud.march.tally import displacements_of
 from jaxshroud.march.taylor_events import (
     TaylorSearch,
@@ -44,13 +44,16 @@ from jaxshroud.march.taylor_events import (
     select_polynomial,
     trimmed,
 )
-from jaxshroud.march.taylor_expansion import RADIANS_PER_TURN, TaylorExpansion, taylor_expansion, without_derivatives
-from jaxshroud.march.taylor_integrals import (
+from jaxshroud.march.taylor_expansion import (
+    RADIANS_PER_TURN,
+    TaylorExpansion,
     integrated_loads,
     integrated_means,
     integrated_moments,
     integrated_squares,
     integrated_works,
+    taylor_expansion,
+    without_derivatives,
 )
 from jaxshroud.model.arithmetic import Scalar, is_absent, sincos_turns, where
 from jaxshroud.model.contact_law import linear_law

@@ -14,7 +14,7 @@ from jax import lax
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from jaxshroud.programs.kept import is_traced
+from jaxshroud.cache.programs import is_traced
 
 
 def traced_once(f: Callable[..., Any]) -> Callable[..., Any]:

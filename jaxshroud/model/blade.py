@@ -14,7 +14,7 @@ from jaxshroud.model.arithmetic import ABSENT, is_absent, summed
 from jaxshroud.model.drive import Excitation, Wave
 from jaxshroud.scene.blades import BladeMatrices, Blades
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.parts import COORDINATES, Parts
+from jaxshroud.scene.layout import COORDINATES, Parts
 from jaxshroud.scene.scene import Scene
 
 MatrixRows = tuple[tuple[Any, ...], ...]  # a matrix

@@ -16,7 +16,7 @@ from jaxshroud.model.smooth_contact import SmoothContact
 from jaxshroud.model.spring_contact import BilinearContact, NoContact, SpringContact
 from jaxshroud.model.user_contact import UserContact
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.parts import Parts
+from jaxshroud.scene.layout import Parts
 from jaxshroud.scene.scene import Scene
 
 

@@ -44,7 +44,7 @@ from jaxshroud.model.rhs import (
     position_at,
 )
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.parts import Parts
+from jaxshroud.scene.layout import Parts
 from jaxshroud.scene.scene import Contact, Friction, Scene, Shroud
 
 OfBlades = Float[Array, "blades lanes"]

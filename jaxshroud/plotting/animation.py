@@ -17,11 +17,11 @@ from matplotlib.patches import Polygon
 
 from jaxshroud.io.files import write
 from jaxshroud.model.modes import Mode
-from jaxshroud.plotting.film import FRAME_MARGIN, Blocks, Film, fitting_factor, last_frames, stored_blocks
+from jaxshroud.plotting.frames import FRAME_MARGIN, Blocks, Film, fitting_factor, last_frames, stored_blocks
+from jaxshroud.plotting.page import scale_of, title_of
 from jaxshroud.plotting.plot_run import CASE_STYLES, MODE_STYLES, TIME_LABEL
-from jaxshroud.plotting.row_film import RowFilm
+from jaxshroud.plotting.row_animation import RowFilm
 from jaxshroud.plotting.run_data import FEWEST_SAMPLES, run_data
-from jaxshroud.plotting.scales import scale_of, title_of
 from jaxshroud.plotting.style import (
     BLUE,
     COLUMN_WIDTH,

@@ -11,7 +11,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, LogLocator, MaxNLocator
 
-from jaxshroud.plotting.page import Page
+from jaxshroud.plotting.page import Page, figure_of
 from jaxshroud.plotting.plot_amplitude import amplitude_page, response_page
 from jaxshroud.plotting.plot_attractors import attractors_page, basins_page
 from jaxshroud.plotting.plot_branch import branch_page
@@ -25,7 +25,6 @@ from jaxshroud.plotting.plot_sensitivity import gradient_page, scatter_page
 from jaxshroud.plotting.plot_sweep import sweep_page
 from jaxshroud.plotting.plot_trade import trade_page
 from jaxshroud.plotting.plot_tuning import robustness_page, tuning_page
-from jaxshroud.plotting.scales import figure_of
 from jaxshroud.plotting.style import STYLE, Look, as_is, fit_title, new_figure, show_message, typeset
 from jaxshroud.scene.checks import InputError
 

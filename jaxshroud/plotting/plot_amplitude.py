@@ -9,20 +9,21 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from jaxshroud.io.response_data import points_of_member
 from jaxshroud.io.scene_numbers import layout_in
 from jaxshroud.model.modes import BIFURCATION_KINDS, WAVE_RESIDUAL, Status
-from jaxshroud.plotting.page import Page, Panel
-from jaxshroud.plotting.plot_branch import LINE_STYLES, MARKER_SIZE, MARKERS, retraced, stability_runs
-from jaxshroud.plotting.plot_directions import DIRECTION_STYLES
-from jaxshroud.plotting.scales import (
+from jaxshroud.plotting.page import (
     DISPLACEMENT_SYMBOLS,
     AmplitudeUnit,
+    Page,
+    Panel,
     ParameterAxis,
     amplitude_unit,
     parameter_axis,
     title_of,
 )
+from jaxshroud.plotting.plot_branch import LINE_STYLES, MARKER_SIZE, MARKERS, retraced, stability_runs
+from jaxshroud.plotting.plot_directions import DIRECTION_STYLES
+from jaxshroud.plotting.run_data import points_of_member
 from jaxshroud.plotting.style import (
     BLUE,
     COLUMN_WIDTH,

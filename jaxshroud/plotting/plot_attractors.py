@@ -12,8 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from jaxshroud.plotting.page import Page, Panel
-from jaxshroud.plotting.scales import legend_above, parameter_axis, scale_of, title_of
+from jaxshroud.plotting.page import Page, Panel, legend_above, parameter_axis, scale_of, title_of
 from jaxshroud.plotting.style import (
     BLUE,
     COLOURS,

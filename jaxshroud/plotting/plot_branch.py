@@ -10,9 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from jaxshroud.model.modes import BIFURCATION_KINDS, Status
-from jaxshroud.plotting.page import Page, Panel
-from jaxshroud.plotting.scales import (
+from jaxshroud.plotting.page import (
     LEAST_SPAN,
+    Page,
+    Panel,
     ParameterAxis,
     amplitude_unit,
     limit_zoom,

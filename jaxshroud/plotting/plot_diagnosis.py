@@ -9,12 +9,10 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from jaxshroud.motion.effects import exponent_text, with_interval
-from jaxshroud.plotting.page import Page, Panel, Summary
+from jaxshroud.plotting.page import LEAST_SPAN, Page, Panel, Summary, axis_limits, interval_ends, is_visible, title_of
 from jaxshroud.plotting.plot_blades import BLADE_PANELS
 from jaxshroud.plotting.plot_run import CONTACT_PANELS, MOTION_PANELS, contact_handles
 from jaxshroud.plotting.run_data import RunData, contact_data, run_data
-from jaxshroud.plotting.scales import LEAST_SPAN, axis_limits, interval_ends, is_visible, title_of
 from jaxshroud.plotting.style import (
     AVERAGED_PERIODS,
     BLUE,
@@ -35,6 +33,7 @@ from jaxshroud.plotting.style import (
     wrapped,
 )
 from jaxshroud.scene.checks import InputError
+from jaxshroud.signals.effects import exponent_text, with_interval
 
 
 def power_page(data: Summary, look: Look) -> Page[Summary]:

@@ -11,8 +11,16 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from jaxshroud.model.modes import Status
-from jaxshroud.plotting.page import Page, Panel
-from jaxshroud.plotting.scales import ParameterAxis, first_blade, gap_of_lanes, parameter_axis, scale_of, title_of
+from jaxshroud.plotting.page import (
+    Page,
+    Panel,
+    ParameterAxis,
+    first_blade,
+    gap_of_lanes,
+    parameter_axis,
+    scale_of,
+    title_of,
+)
 from jaxshroud.plotting.style import BLUE, COLUMN_WIDTH, GREY, INK, ORANGE, AnyFigure, Look, Properties, legend_below
 
 DIRECTION_STYLES = {  # direction -> label, colour, marker, size

@@ -8,10 +8,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from jaxshroud.motion.amplification import whitehead_factor
-from jaxshroud.plotting.page import Page, Panel
-from jaxshroud.plotting.scales import (
+from jaxshroud.plotting.page import (
     AmplitudeUnit,
+    Page,
+    Panel,
     ParameterAxis,
     amplitude_unit,
     legend_above,
@@ -31,6 +31,7 @@ from jaxshroud.plotting.style import (
     PlotArray,
     Properties,
 )
+from jaxshroud.signals.waves import whitehead_factor
 
 PERCENT = 100.0
 SPREAD = 0.28  # half width of the patterns of one sigma, in distances of the groups

@@ -11,11 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
 from jaxshroud.model.modes import FLAT, Mode
-from jaxshroud.motion.spectrum import amplitude_spectrum, label_lines, whole_periods
-from jaxshroud.plotting.page import Page, Panel
+from jaxshroud.plotting.page import Page, Panel, axis_limits, scale_of, title_of
 from jaxshroud.plotting.plot_blades import BLADE_PANELS
 from jaxshroud.plotting.run_data import ContactData, RunData, contact_data, mean_gap, run_data
-from jaxshroud.plotting.scales import axis_limits, scale_of, title_of
 from jaxshroud.plotting.style import (
     BLUE,
     COLUMN_WIDTH,
@@ -36,6 +34,7 @@ from jaxshroud.plotting.style import (
     legend_below,
 )
 from jaxshroud.scene.checks import InputError, word_argument
+from jaxshroud.signals.spectrum import amplitude_spectrum, label_lines, whole_periods
 
 MODE_STYLES: Mapping[int, tuple[str, str]] = {
     Mode.STICK: ("stick", SKY),

@@ -9,7 +9,6 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 
 from jaxshroud.io.scene_numbers import key_label, layout_in
-from jaxshroud.motion.effects import Effect, effects
 from jaxshroud.plotting.page import Page, Panel, Summary
 from jaxshroud.plotting.style import (
     BLUE,
@@ -26,6 +25,7 @@ from jaxshroud.plotting.style import (
 )
 from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.quantities import quantity_symbol, unit_of
+from jaxshroud.signals.effects import Effect, effects
 
 MOST_BARS = 24
 LONG_LABEL = 40  # letters of a label of numbers, symbols as formulas: beside it the axis below has less room

@@ -12,10 +12,10 @@ from matplotlib.patches import Patch, Rectangle
 
 from jaxshroud.io.lane_status import status_name
 from jaxshroud.model.modes import Status
-from jaxshroud.plotting.page import Page, Panel
-from jaxshroud.plotting.plot_directions import directions_page
-from jaxshroud.plotting.scales import (
+from jaxshroud.plotting.page import (
     LEAST_SPAN,
+    Page,
+    Panel,
     ParameterAxis,
     first_blade,
     gap_of_lanes,
@@ -27,6 +27,7 @@ from jaxshroud.plotting.scales import (
     scale_of,
     title_of,
 )
+from jaxshroud.plotting.plot_directions import directions_page
 from jaxshroud.plotting.style import (
     BLUE,
     COLUMN_WIDTH,

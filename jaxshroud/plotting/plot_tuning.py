@@ -13,7 +13,6 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from jaxshroud.io.scene_numbers import key_label
-from jaxshroud.motion.effects import between
 from jaxshroud.plotting.page import Page, Panel, Summary
 from jaxshroud.plotting.style import (
     BLUE,
@@ -33,6 +32,7 @@ from jaxshroud.plotting.style import (
 )
 from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.quantities import is_reduction, quantity_symbol
+from jaxshroud.signals.effects import between
 
 SHARE_LABEL = "share of draws below"
 ACROSS, ROBUST_HEIGHT = 2, 1.5  # panels in a row, and the height of a row [inch]

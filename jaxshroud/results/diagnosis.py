@@ -9,17 +9,17 @@ from jaxshroud.io.lane_status import FLAGS, status_name
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, ComplexVariable, MotionVariable, Variable, lanes_in_shape, lanes_in_words
 from jaxshroud.model.modes import Status
-from jaxshroud.motion.effects import NOT_RESOLVED, STUCK_SLIDER, exponent_text
 from jaxshroud.results.base import Labels, Result
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.typed import typed
+from jaxshroud.signals.effects import NOT_RESOLVED, STUCK_SLIDER, exponent_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from jaxshroud.model.prepared import State
-    from jaxshroud.motion.lyapunov import Exponents
+    from jaxshroud.orbits.lyapunov import Exponents
     from jaxshroud.plotting.style import LookOptions
 
 EXPONENTS = "Lyapunov exponents per drive period; -inf: forgotten altogether, NaN: not resolved"

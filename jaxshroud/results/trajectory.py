@@ -18,12 +18,12 @@ from jaxshroud.io.variable import (
     with_events,
 )
 from jaxshroud.model.modes import Mode
-from jaxshroud.motion.waves import BladeSpectrum, RowWave, blade_spectrum, participation_ratio, row_wave
 from jaxshroud.results.amplitudes import WithAmplitudes
 from jaxshroud.results.base import Result
 from jaxshroud.scene.checks import InputError, count_argument, word_argument
-from jaxshroud.scene.parts import COORDINATES
+from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.typed import typed
+from jaxshroud.signals.waves import BladeSpectrum, RowWave, blade_spectrum, participation_ratio, row_wave
 
 if TYPE_CHECKING:
     import xarray as xr

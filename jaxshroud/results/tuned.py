@@ -9,11 +9,11 @@ import numpy as np
 from jaxshroud.io.scene_numbers import layout_in
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, Variable
-from jaxshroud.motion.effects import between, flat_text, told_difference
 from jaxshroud.results.base import Result
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.quantities import is_reduction, unit_of
 from jaxshroud.scene.typed import typed
+from jaxshroud.signals.effects import between, flat_text, told_difference
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

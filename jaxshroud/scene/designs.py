@@ -12,11 +12,11 @@ from jaxshroud.scene.derived_inputs import check_known, same_quantity
 from jaxshroud.scene.grids import columns_of, scenes_at
 from jaxshroud.scene.keys import ALL_KEYS, Key, Motion, find_key
 from jaxshroud.scene.messages import toml_text
-from jaxshroud.scene.numbers import inputs_of
 from jaxshroud.scene.overrides import check_is_no_speed
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import short_repr
 from jaxshroud.scene.units import QUANTITY, to_si
+from jaxshroud.scene.vary import inputs_of
 
 HEAD = re.compile(r"(?P<key>[^\s\[\]]+(?:\[\d+\])?)\s*(?:\[(?P<unit>[^\[\]]*)\])?")
 KEY_LIKE = re.compile(r"[A-Za-z_]+\.\w+(\[\w*\])?")

@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxshroud.scene.blades import BladeMatrices, Blades
-from jaxshroud.scene.capabilities import require_parts
 from jaxshroud.scene.checks import InputError, type_argument, word_argument
 from jaxshroud.scene.drive import Drive
 from jaxshroud.scene.fields import PerBlade, per_blade, scalar
@@ -24,8 +23,7 @@ from jaxshroud.scene.keys import (
     number_shape,
 )
 from jaxshroud.scene.laws import FrictionLaw, Laws, NormalLaw, Number, with_checked_shapes
-from jaxshroud.scene.layout import Layout, layout_with, row_layout
-from jaxshroud.scene.parts import Parts, misprints
+from jaxshroud.scene.layout import Layout, Parts, layout_with, misprints, require_parts, row_layout
 from jaxshroud.scene.typed import short_repr, typed
 from jaxshroud.scene.valid import KEYS_BY_TABLE, check_number, check_numbers, check_shape
 

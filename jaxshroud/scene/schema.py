@@ -24,7 +24,6 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from jaxshroud.scene.capabilities import require_parts
 from jaxshroud.scene.checks import DEFAULT_TRANSIENT, MAX_AUTO_STEPS, MAX_COUNT, did_you_mean
 from jaxshroud.scene.keys import (
     FROM_0,
@@ -37,8 +36,19 @@ from jaxshroud.scene.keys import (
     list_words,
     number_shape,
 )
-from jaxshroud.scene.layout import PAIR, Layout, row_layout
-from jaxshroud.scene.parts import ACCURACIES, MOTIONS, ContactPart, Direction, FrictionPart, Neighbour, misprints
+from jaxshroud.scene.layout import (
+    ACCURACIES,
+    MOTIONS,
+    PAIR,
+    ContactPart,
+    Direction,
+    FrictionPart,
+    Layout,
+    Neighbour,
+    misprints,
+    require_parts,
+    row_layout,
+)
 from jaxshroud.scene.units import to_si
 
 NO_STIFFNESS = "no_stiffness"  # the type of pydantic's error for a [contact] without one

@@ -13,8 +13,8 @@ from jaxshroud.model.natural_modes import (
     drive_shares,
     natural_modes,
 )
-from jaxshroud.results.campbell import NaturalMode
-from jaxshroud.scene.parts import COORDINATES
+from jaxshroud.results.data_sheet import NaturalMode
+from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
 

@@ -9,8 +9,8 @@ from typing import cast
 
 import numpy as np
 
+from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Plan, Progress, Ticker
-from jaxshroud.batch.size_limits import check_size
 from jaxshroud.march.method import FOR_P_D, choices
 from jaxshroud.model.prepared import State
 from jaxshroud.results.tuned import DesignJudgement, Tuned
@@ -21,7 +21,18 @@ from jaxshroud.scene.quantities import Quantity, amplitude_of, check_only_P_d
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import text_of
 from jaxshroud.scene.typed import typed
-from jaxshroud.verbs.ascent import (
+from jaxshroud.verbs.arguments import check_row, one_scene
+from jaxshroud.verbs.asked import MarchPlan, MethodArgument
+from jaxshroud.verbs.design_problem import (
+    Goal,
+    Problem,
+    both_reductions,
+    check_comparable,
+    design_corners,
+    judge_designs,
+    problem_of,
+)
+from jaxshroud.verbs.gradient_ascent import (
     LIMIT_MARGIN,
     POLISH_SAMPLES,
     POLISH_WIDTHS,
@@ -31,17 +42,6 @@ from jaxshroud.verbs.ascent import (
     climb_paths,
     polish_design,
     verify_design,
-)
-from jaxshroud.verbs.asked import MarchPlan, MethodArgument
-from jaxshroud.verbs.checks import check_row, one_scene
-from jaxshroud.verbs.design_problem import (
-    Goal,
-    Problem,
-    both_reductions,
-    check_comparable,
-    design_corners,
-    judge_designs,
-    problem_of,
 )
 from jaxshroud.verbs.lanes import with_tangents
 from jaxshroud.verbs.options import resolve_options

@@ -19,6 +19,7 @@ from jaxshroud.batch.periods import begin_lanes
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import initial_states
+from jaxshroud.cache.key import UnknownPartError, description
 from jaxshroud.march.event import Event, guards_after_event
 from jaxshroud.march.events import EVENTS
 from jaxshroud.march.guards import ContactNow, Guard, Guards
@@ -26,7 +27,6 @@ from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.tableau import TaylorOptions
 from jaxshroud.march.tally import Counters
-from jaxshroud.programs.key import UnknownPartError, description
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.grids import scenes_at
 

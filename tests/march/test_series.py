@@ -12,13 +12,13 @@ from side_by_side import counts, ends, energy_residual, relative_error, run, sce
 
 import jaxshroud as js
 from jaxshroud import Status, load, vary
+from jaxshroud.batch.runs import trajectories
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.states import initial_states
-from jaxshroud.batch.trajectories import trajectories
 from jaxshroud.march.carry import Fixed, time_grid
 from jaxshroud.march.events import EVENTS, evaluate_guards
+from jaxshroud.march.extremes import _polynomial_maximum
 from jaxshroud.march.method import Choices, method_as_json, method_from_json
-from jaxshroud.march.series_extremes import _polynomial_maximum
 from jaxshroud.march.stepper import begin_lane
 from jaxshroud.march.tableau import TaylorOptions, tableau
 from jaxshroud.march.taylor_events import first_event, return_length

@@ -8,7 +8,7 @@ from PIL import Image
 from test_plot_contact import HALF, run
 
 from jaxshroud.plotting.animation import PairFilm, save_animation
-from jaxshroud.plotting.film import last_frames, stored_blocks
+from jaxshroud.plotting.frames import last_frames, stored_blocks
 from jaxshroud.plotting.run_data import run_data
 from jaxshroud.scene.checks import InputError
 

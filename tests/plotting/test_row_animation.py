@@ -7,8 +7,8 @@ import xarray as xr
 import jaxshroud as js
 from jaxshroud.model.modes import Mode
 from jaxshroud.plotting.animation import MILLIMETRES, save_animation
-from jaxshroud.plotting.film import last_frames, stored_blocks
-from jaxshroud.plotting.row_film import RowFilm
+from jaxshroud.plotting.frames import last_frames, stored_blocks
+from jaxshroud.plotting.row_animation import RowFilm
 from jaxshroud.plotting.run_data import run_data
 from jaxshroud.scene.keys import Motion
 

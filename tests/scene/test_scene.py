@@ -10,7 +10,7 @@ import pytest
 
 from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.fields import per_blade
-from jaxshroud.scene.parts import MISPRINTS
+from jaxshroud.scene.layout import MISPRINTS
 from jaxshroud.scene.scene import Contact, Friction
 from jaxshroud.scene.vary import NUMERIC_KEYS, vary
 

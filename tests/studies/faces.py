@@ -22,7 +22,7 @@ import reference
 
 from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.tableau import tableau
-from jaxshroud.motion.short_runs import motions_at
+from jaxshroud.orbits.short_runs import motions_at
 from jaxshroud.scene.scene import Scene
 from jaxshroud.version import __version__
 

@@ -18,9 +18,9 @@ from jaxshroud.march.tableau import tableau
 from jaxshroud.model.prepared import initial_state
 from jaxshroud.results.tuned import DesignJudgement
 from jaxshroud.scene.grids import scenes_at
-from jaxshroud.verbs import ascent
-from jaxshroud.verbs.ascent import MAX_GROWTH, exact_slopes
+from jaxshroud.verbs import gradient_ascent as ascent
 from jaxshroud.verbs.design_problem import Problem, judge_designs
+from jaxshroud.verbs.gradient_ascent import MAX_GROWTH, exact_slopes
 from jaxshroud.verbs.tune import objective_map, problem_from_result
 
 pytestmark = pytest.mark.full
