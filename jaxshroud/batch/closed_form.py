@@ -20,9 +20,9 @@ from jaxshroud.batch.sampling import MAX_UNKEPT, SAMPLES_PER_BLOCK, SampleGrid
 from jaxshroud.batch.states import carried_state
 from jaxshroud.batch.stretches import Trajectories
 from jaxshroud.cache.programs import kept
+from jaxshroud.march.accumulator import ContactPeaks, ContactTimes, Counters, DisplacementRange, Impacts
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest
-from jaxshroud.march.tally import ContactPeaks, ContactTimes, Counters, DisplacementRange, Impacts
 from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, sine_versine, summed
 from jaxshroud.model.contact_law import ContactLoads
 from jaxshroud.model.geometry import gyration
@@ -150,7 +150,7 @@ def free_runs(
     samples, *end = _closed_form_samples(
         scenes, states, begin, jnp.full_like(turns, transient), turns, kept, nodes, method.amplitudes, method.vibration
     )
-    places = lambda lane: [lane.state, lane.status, lane.tally.log.times.apart]
+    places = lambda lane: [lane.state, lane.status, lane.accumulator.log.times.apart]
     lanes = eqx.tree_at(places, begin_lanes(scenes, states, method), end)
     zeros: Any = np.zeros(np.shape(samples.power[0]))
     works = dict.fromkeys(("work", "gross", "dropped", "residual", "friction", "viscous", "switched"), zeros)

@@ -149,9 +149,9 @@ def _next_sample(
 def _sample_lane(lane: Lane, model: Model, period: Scalar, schedule: Schedule) -> tuple[Lane, Flow]:
     """The lane as it continues after a sample, and the sample."""
     time = period * (schedule.every / schedule.steps)
-    flow = end_flow(lane, model, time)._replace(means=mean_over(time, lane.tally.integrals.means))
-    places = lambda lane: (lane.tally.integrals, lane.step, lane.status)
-    empty = jax.tree.map(jnp.zeros_like, lane.tally.integrals)
+    flow = end_flow(lane, model, time)._replace(means=mean_over(time, lane.accumulator.integrals.means))
+    places = lambda lane: (lane.accumulator.integrals, lane.step, lane.status)
+    empty = jax.tree.map(jnp.zeros_like, lane.accumulator.integrals)
     step = jnp.where(lane.step == schedule.steps, 0, lane.step)
     return eqx.tree_at(places, lane, (empty, step, flow.status)), flow
 

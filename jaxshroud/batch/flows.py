@@ -22,13 +22,13 @@ from jaxshroud.batch.states import (
     with_zeros,
 )
 from jaxshroud.batch.xla import compiled, vmapped
+from jaxshroud.march.accumulator import EventMargins
 from jaxshroud.march.carry import EachLane, Fixed, Lane, PerLane, time_grid
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.locate import select
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import begin_lane
-from jaxshroud.march.tally import EventMargins
-from jaxshroud.model.arithmetic import Pair, Scalar, filled, is_absent
+from jaxshroud.model.arithmetic import Pair, Scalar, filled, is_zero
 from jaxshroud.model.geometry import ContactKinematics
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import Model, State, has_torsion, prepared_model
@@ -68,7 +68,7 @@ def canonical(state: State, scene_model: Model) -> State:
         level = [select(state.case == FLAT, parallel_mean(pair, scene_model), pair) for pair in angles(state.motion)]
         state = eqx.tree_at(lambda s: angles(s.motion), state, tuple(level))
     at = place_contact(state.motion, state, scene_model)[2]
-    if is_absent(state.u_s) or scene_model.law.flows:
+    if is_zero(state.u_s) or scene_model.law.flows:
         return state
     u_s = canonical_slider(at, state, scene_model)
     return eqx.tree_at(lambda s: s.u_s, state, u_s)
@@ -92,16 +92,16 @@ def begin_flow(scene: Scene, state: State, method: Choices) -> tuple[Lane, Model
 
 def end_flow(lane: Lane, scene_model: Model, time: Scalar) -> Flow:
     """The flow of a lane after `time` seconds."""
-    left, right = filled(lane.tally.integrals.power, time)
+    left, right = filled(lane.accumulator.integrals.power, time)
     overflowed = (lane.status == Status.OK) & ~jnp.isfinite(left + right)
     status = jnp.where(overflowed, Status.NOT_FINITE, lane.status).astype(lane.status.dtype)
     state = with_zeros(canonical(lane.state, scene_model))
-    return Flow(state, (left / time, right / time), status, lane.tally.margins)
+    return Flow(state, (left / time, right / time), status, lane.accumulator.margins)
 
 
 def end_flow_with_moments(lane: Lane, scene_model: Model, time: Scalar) -> FlowWithMoments:
     """`end_flow`, with the moments and the means where they are kept."""
-    sums, flow = lane.tally.integrals, end_flow(lane, scene_model, time)
+    sums, flow = lane.accumulator.integrals, end_flow(lane, scene_model, time)
     moments, means = mean_over(time, (sums.moments, sums.means))
     return FlowWithMoments(flow.state, flow.power, flow.status, moments, means)
 

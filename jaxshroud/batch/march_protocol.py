@@ -16,10 +16,10 @@ from jaxshroud.batch.plan import Plan, Runs, Tick
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.stopped import Admitted, nan_where
 from jaxshroud.batch.stretches import EnergyBalance, SampledLanes, Trajectories
+from jaxshroud.march.accumulator import EventMargins
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import Stepper
 from jaxshroud.march.tableau import Tableau, TaylorOptions
-from jaxshroud.march.tally import EventMargins
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.prepared import State
 from jaxshroud.scene.keys import Motion
@@ -122,7 +122,7 @@ class March(NamedTuple):
     motions: Callable[[Scene, State, SampleGrid, Choices, Tick], Motion]
     """The motion of these alone, which takes fewer compiled programs."""
     balance: Callable[[Any, np.ndarray], EnergyBalance | None]
-    """(tally, gained energies [J]) -> the energy balance of lanes; None without a ledger."""
+    """(accumulator, gained energies [J]) -> the energy balance of lanes; None without a ledger."""
     flows: FlowPrograms
     """Whole periods with tangents, step by step."""
     pure: PureMarch

@@ -36,13 +36,13 @@ from jaxshroud.batch.states import carried_state, sampled_contact_forces
 from jaxshroud.batch.stretches import EnergyBalance, SampledLanes, march_in_stretches, values_by_name
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.cache.programs import kept
+from jaxshroud.march.accumulator import Accumulator
 from jaxshroud.march.carry import EachLane, Fixed, Lane
 from jaxshroud.march.events import evaluate_guards
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import energy_residual, total_energy
 from jaxshroud.march.start import EVENTS_AT_START, next_at_start
 from jaxshroud.march.stepper import DenseOutput, stepper_for
-from jaxshroud.march.tally import Tally
 from jaxshroud.model.arithmetic import Scalar, filled, sincos_turns
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import Mode, Status
@@ -283,9 +283,9 @@ def _values(scenes: Scene, states: State, turns: np.ndarray) -> dict[str, Any]:
     return values_by_name(states, sampled_contact_forces(scenes, states, turns))
 
 
-def balance_of_pairs(tally: Tally, gained: np.ndarray) -> EnergyBalance | None:
+def balance_of_pairs(accumulator: Accumulator, gained: np.ndarray) -> EnergyBalance | None:
     """The energy balance of pairs that have `gained` energies [J]; None without a ledger."""
-    gain, jumps = tally.integrals.ledger, tally.jumps
+    gain, jumps = accumulator.integrals.ledger, accumulator.jumps
     if gain is None or jumps is None:
         return None
     residual = np.asarray(energy_residual(*jax.tree.map(jnp.asarray, (gain, jumps, gained))))

@@ -30,11 +30,11 @@ from jaxshroud.batch.rows import ROW_KERNELS, lanes_first, row_models, rows_at_s
 from jaxshroud.batch.states import as_arrays, carried_state
 from jaxshroud.batch.stopped import Admitted, lost_tangents, replaced_where
 from jaxshroud.batch.xla import best_mapping, compiled, one_lane
+from jaxshroud.march.accumulator import EventMargins
 from jaxshroud.march.locate import values_only
-from jaxshroud.march.log import tally_of_new_period
+from jaxshroud.march.log import accumulator_of_new_period
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import contact_forces
-from jaxshroud.march.tally import EventMargins
 from jaxshroud.model.arithmetic import Scalar, filled, sincos_turns
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import Status
@@ -132,16 +132,16 @@ def _row_samples_in_lanes(scenes: Scene, states: State, schedule: Schedule) -> R
     time = period * (schedule.every / steps)
 
     def one(lanes, _):
-        empty = tally_of_new_period(lanes.tally, model.blades.shroud(lanes.state.motion), schedule.method)
-        lanes = eqx.tree_at(lambda lane: lane.tally, lanes, empty)
+        empty = accumulator_of_new_period(lanes.accumulator, model.blades.shroud(lanes.state.motion), schedule.method)
+        lanes = eqx.tree_at(lambda lane: lane.accumulator, lanes, empty)
         lanes, sample = next_row_sample(lanes, jnp.int32(schedule.every), model, period, clock, schedule.method, each)
-        gain: Any = lanes.tally.integrals.power
+        gain: Any = lanes.accumulator.integrals.power
         power = gain / time[None]
         overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(jnp.sum(power, axis=0))
         status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
         lanes = eqx.tree_at(lambda lane: lane.status, lanes, status)
         return lanes, lanes_first(
-            RowFlow(sample, jnp.where(status == Status.OK, power, jnp.nan), status, _of_all(lanes.tally.margins))
+            RowFlow(sample, jnp.where(status == Status.OK, power, jnp.nan), status, _of_all(lanes.accumulator.margins))
         )
 
     _, flows = lax.scan(one, begin, length=schedule.samples)

@@ -30,7 +30,7 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import ContactForces
 from jaxshroud.march.row_guards import interface_view, row_contact_forces, row_torques
 from jaxshroud.march.start import EVENTS_AT_START, next_at_start
-from jaxshroud.model.arithmetic import ABSENT, filled, sincos_turns
+from jaxshroud.model.arithmetic import ZERO, filled, sincos_turns
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State
 from jaxshroud.model.row import RowModel, over, pair_states
@@ -105,7 +105,7 @@ def _sampled(lanes: Lane, turns: Float[Array, " lanes"], model: RowModel, each: 
     zero = jnp.zeros(lanes.state.mode.shape, turns.dtype)
     lost = lanes.status != Status.OK
     point = forces.contact_point
-    forces = filled(forces._replace(contact_point=ABSENT), zero)._replace(contact_point=point)
+    forces = filled(forces._replace(contact_point=ZERO), zero)._replace(contact_point=point)
     return RowSamples(
         updated_slider(lanes.state, lanes.status, model, each),
         jax.tree.map(lambda a: jnp.where(lost, jnp.nan, a), forces),

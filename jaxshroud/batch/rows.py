@@ -22,14 +22,14 @@ from jaxshroud.batch.periods import LOGGED_BY_PERIOD, CallLimits, Sample, period
 from jaxshroud.batch.states import by_blade
 from jaxshroud.batch.stretches import EnergyBalance
 from jaxshroud.batch.xla import best_mapping, compiled, repeated_while
+from jaxshroud.march.accumulator import Accumulator, EnergyJumps, mean_position
 from jaxshroud.march.carry import EachLane, Fixed, Lane, PerLane, running, time_grid
 from jaxshroud.march.events import place_contact
-from jaxshroud.march.log import tally_of_new_period
+from jaxshroud.march.log import accumulator_of_new_period
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import contact_spring_energy, energy_residual, slider_position
 from jaxshroud.march.row_trial import begin_row, row_trial
-from jaxshroud.march.tally import EnergyJumps, Tally, mean_position
-from jaxshroud.model.arithmetic import ABSENT, filled, is_absent
+from jaxshroud.model.arithmetic import ZERO, filled, is_zero
 from jaxshroud.model.modes import FLAT, Status
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import Ledger
@@ -75,7 +75,7 @@ def carried_row(state: State, model: RowModel) -> State:
     motion = state.motion
     if isinstance(motion, Motion):
         moves = lambda name: name.removeprefix("v_") in model.parts.motion
-        motion = Motion(*(a if moves(name) else ABSENT for name, a in zip(Motion._fields, motion, strict=True)))
+        motion = Motion(*(a if moves(name) else ZERO for name, a in zip(Motion._fields, motion, strict=True)))
         motion = model.blades.carried(motion)
     law = model.interfaces.law
     return State(motion, law.carried_slider(state.u_s, state.mode), law.carried_mode(state.mode), state.case)
@@ -93,22 +93,22 @@ def energies_in_rows(state: State, model: RowModel, each: EachLane) -> Float[Arr
     return jnp.sum(blade_energies(state.motion, model, each), axis=0) + jnp.sum(springs, axis=0)
 
 
-def row_jumps(tally: Tally) -> EnergyJumps:
+def row_jumps(accumulator: Accumulator) -> EnergyJumps:
     """The energy that jumped at the events of a row, at each interface and in all."""
-    assert tally.jumps is not None  # rows keep them
-    return tally.jumps
+    assert accumulator.jumps is not None  # rows keep them
+    return accumulator.jumps
 
 
-def row_ledger(tally: Tally) -> Ledger:
+def row_ledger(accumulator: Accumulator) -> Ledger:
     """The works of a row, of each blade and each interface, with zeros where there is no friction."""
-    return filled(tally.integrals.ledger, row_jumps(tally).springs)
+    return filled(accumulator.integrals.ledger, row_jumps(accumulator).springs)
 
 
-def row_energy_residual(tally: Tally, gained: Any, axis: int) -> Any:
+def row_energy_residual(accumulator: Accumulator, gained: Any, axis: int) -> Any:
     """The residual of the energy balance of rows [J] that have `gained` energy; blades and interfaces along an axis."""
     total = lambda a: a.sum(axis=axis)
-    jumps = EnergyJumps(total(row_jumps(tally).springs), row_jumps(tally).dropped)
-    return energy_residual(jax.tree.map(total, row_ledger(tally)), jumps, gained)
+    jumps = EnergyJumps(total(row_jumps(accumulator).springs), row_jumps(accumulator).dropped)
+    return energy_residual(jax.tree.map(total, row_ledger(accumulator)), jumps, gained)
 
 
 def updated_slider(state: State, status: Int[Array, " lanes"], model: RowModel, each: EachLane) -> State:
@@ -123,9 +123,9 @@ def updated_slider(state: State, status: Int[Array, " lanes"], model: RowModel, 
 def _begin_row_period(
     lanes: Lane, model: RowModel, method: Choices, each: EachLane
 ) -> tuple[Lane, Float[Array, " lanes"]]:
-    """The rows with an empty tally, and the energies that they store."""
-    empty = tally_of_new_period(lanes.tally, model.blades.shroud(lanes.state.motion), method)
-    return eqx.tree_at(lambda lane: lane.tally, lanes, empty), energies_in_rows(lanes.state, model, each)
+    """The rows with an empty accumulator, and the energies that they store."""
+    empty = accumulator_of_new_period(lanes.accumulator, model.blades.shroud(lanes.state.motion), method)
+    return eqx.tree_at(lambda lane: lane.accumulator, lanes, empty), energies_in_rows(lanes.state, model, each)
 
 
 def _end_row_period(
@@ -138,21 +138,21 @@ def _end_row_period(
     ended: Any = True,
 ) -> tuple[Lane, Sample]:
     """`batch.periods.ended_pairs` for rows; the works in a sample are those of each blade."""
-    tally, log, jumps = lanes.tally, lanes.tally.log, row_jumps(lanes.tally)
-    gain: Any = tally.integrals
+    accumulator, log, jumps = lanes.accumulator, lanes.accumulator.log, row_jumps(lanes.accumulator)
+    gain: Any = accumulator.integrals
     z = model.blades.shroud(lanes.state.motion)
     assert log is not None  # only flows with tangents have none
     gained = energies_in_rows(lanes.state, model, each) - before
     works: dict[str, Any] = {}
     if gain.ledger is not None:
-        ledger = row_ledger(tally)
+        ledger = row_ledger(accumulator)
         works = {"work": ledger.drive, "gross": ledger.gross, "viscous": ledger.viscous, "friction": ledger.friction}
         works |= {
             "switched": jumps.springs,
             "dropped": jumps.dropped,
-            "residual": row_energy_residual(tally, gained, 0),
+            "residual": row_energy_residual(accumulator, gained, 0),
         }
-    means = mean_position(tally, z, period, steps, blade_positions)
+    means = mean_position(accumulator, z, period, steps, blade_positions)
     logged = {name: getattr(log, name) for name in LOGGED_BY_PERIOD}
     sums = {"moments": gain.moments, "means": means}
     of_blades = {"motion": z, "largest": logged.pop("largest"), "extent": logged.pop("extent")} | sums
@@ -165,15 +165,15 @@ def _end_row_period(
     return lanes, jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
 
 
-def balance_of_rows(tally: Tally, gained: np.ndarray) -> EnergyBalance | None:
+def balance_of_rows(accumulator: Accumulator, gained: np.ndarray) -> EnergyBalance | None:
     """The energy balance of rows that have `gained` energies [J]; None without a ledger."""
-    if tally.integrals.ledger is None:
+    if accumulator.integrals.ledger is None:
         return None
-    works = row_ledger(tally)
+    works = row_ledger(accumulator)
     of_blades = {"blade_work_drive": np.asarray(works.drive), "blade_loss_viscous": np.asarray(works.viscous)}
     in_all = Ledger(*(np.asarray(a).sum(axis=-1) for a in works))._replace(friction=works.friction)
-    residual = np.asarray(row_energy_residual(jax.tree.map(jnp.asarray, tally), jnp.asarray(gained), -1))
-    return EnergyBalance(in_all, of_blades, residual, np.asarray(row_jumps(tally).dropped, float))
+    residual = np.asarray(row_energy_residual(jax.tree.map(jnp.asarray, accumulator), jnp.asarray(gained), -1))
+    return EnergyBalance(in_all, of_blades, residual, np.asarray(row_jumps(accumulator).dropped, float))
 
 
 ROW_KERNELS = PeriodKernels(lanes_last, lanes_first, row_models, march_rows, _begin_row_period, _end_row_period)
@@ -253,7 +253,7 @@ def end_row_flows(scenes: Dual, lanes: Dual, n: Int[Array, ""], turns: PerLane |
 
 def _end_of_rows(lanes: Lane, model: RowModel, time: Any, each: EachLane) -> FlowWithMoments:
     """The flow of rows, lanes last, after `time` seconds."""
-    gain: Any = lanes.tally.integrals
+    gain: Any = lanes.accumulator.integrals
     mean = lambda tree: jax.tree.map(lambda a: a / lax.broadcast_to_rank(time, a.ndim), filled(tree, gain.power))
     power = mean(gain.power)
     overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(jnp.sum(power, axis=0))
@@ -272,7 +272,7 @@ def canonical_row(state: State, model: RowModel, each: EachLane) -> State:
         level = lambda a: jnp.where(flat, cluster.mean(a), a)
         motion = motion._replace(theta=level(motion.theta), v_theta=level(motion.v_theta))
     state = State(motion, u_s, state.mode, state.case)
-    if is_absent(u_s) or model.interfaces.law.flows:
+    if is_zero(u_s) or model.interfaces.law.flows:
         return state
 
     def slider(state: State, model: Model) -> Any:

@@ -160,22 +160,22 @@ def stepped_trajectories(
     marched = chunk_by_chunk(run, (scenes, states), ticker, lanes_per_call(scenes.layout))
     last, (before, after) = marched.last, marched.energies
     with np.errstate(invalid="ignore"):  # of energies that overflowed
-        balance = march.balance(last.tally, after - before)
-        integrals = jax.tree.leaves((last.tally.integrals, after - before))
+        balance = march.balance(last.accumulator, after - before)
+        integrals = jax.tree.leaves((last.accumulator.integrals, after - before))
         finite = np.isfinite(sum(np.asarray(a, float).reshape(len(before), -1).sum(axis=-1) for a in integrals))
     status = np.where((last.status == Status.OK) & ~finite, Status.NOT_FINITE, last.status)
     if balance is not None and scenes.laws is not None:
         astray = is_unbalanced(*map(jnp.asarray, (balance.residual, balance.works.gross, before, after)))
         status = np.where((status == Status.OK) & np.asarray(astray), Status.UNBALANCED, status)
-    counters = filled(last.tally.log.counters, marched.samples["mode"][:, 0])
+    counters = filled(last.accumulator.log.counters, marched.samples["mode"][:, 0])
     return Trajectories(
         samples=marched.samples,
         amplitudes=marched.amplitudes,
         status=status,
         counters={name: np.asarray(a) for name, a in vars(counters).items()},
         energy=_energy_values(balance, len(before)),
-        loads=last.tally.integrals.loads,
-        times=last.tally.log.times,
+        loads=last.accumulator.integrals.loads,
+        times=last.accumulator.log.times,
         last=last,
         events=marched.events,
     )

@@ -9,9 +9,9 @@ import numpy as np
 from jaxshroud.batch.cubics import RunningAmplitudes, SampledAmplitudes
 from jaxshroud.batch.sampling import EventStates, SampleGrid, Stretch, concatenated_events
 from jaxshroud.batch.states import final_states, shroud_motion
+from jaxshroud.march.accumulator import ContactTimes
 from jaxshroud.march.observables import ContactForces
-from jaxshroud.march.tally import ContactTimes
-from jaxshroud.model.arithmetic import is_absent
+from jaxshroud.model.arithmetic import is_zero
 from jaxshroud.model.contact_law import ContactLoads
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import State
@@ -104,5 +104,5 @@ def values_by_name(states: State, forces: ContactForces) -> dict[str, Any]:
         "u_s": np.where(states.mode == Mode.APART, np.nan, states.u_s),
         "mode": states.mode,
         "case": states.case,
-        **{name: a for name, a in forces._asdict().items() if not is_absent(a)},
+        **{name: a for name, a in forces._asdict().items() if not is_zero(a)},
     }

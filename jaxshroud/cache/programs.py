@@ -26,7 +26,7 @@ from jaxshroud.cache import key as keys
 from jaxshroud.cache.store import ProgramStore, entry_name, lead_jax_into, log, own_folder, reset_jax_cache
 
 
-class Ahead:
+class Prefetch:
     """Loads entries by their names on a thread, and notes which ones are asked for."""
 
     def __init__(self, load: Callable[[str], Any]):
@@ -49,8 +49,8 @@ class Ahead:
         """What `load` makes of an entry: once it is ready where the thread is at it, else at once."""
         with self.lock:
             self.used[name] = None
-            ahead = self.loading.pop(name, None)
-        return self.load(name) if ahead is None else ahead.result()
+            loading = self.loading.pop(name, None)
+        return self.load(name) if loading is None else loading.result()
 
     def _run(self, names: Iterable[str]) -> None:
         for name in names:
@@ -59,11 +59,11 @@ class Ahead:
                     return
                 if name in self.used:
                     continue
-                ahead = self.loading[name] = Future()
+                loading = self.loading[name] = Future()
             try:
-                ahead.set_result(self.load(name))
+                loading.set_result(self.load(name))
             except BaseException as error:
-                ahead.set_exception(error)
+                loading.set_exception(error)
 
 
 _lock = threading.Lock()
@@ -94,7 +94,7 @@ def is_compiling() -> bool:
 _WITHOUT_JAX_CACHE = threading.Lock()
 _FOR_DEBUGGING = ("jax_disable_jit", "jax_debug_nans", "jax_debug_infs", "jax_check_tracer_leaks", "jax_no_tracing")
 _store: ProgramStore | None = None
-_command_ahead = ""  # whose programs are loaded ahead
+_prefetched_command = ""  # whose programs are loaded ahead
 Program = Callable[[Sequence[Any]], Any]  # of the leaves of its arguments
 
 
@@ -120,26 +120,26 @@ def where_kept() -> str:
     return f"{len(sizes)} entries in {_store.folder}, {sum(sizes) / 1e6:.1f} MB"
 
 
-def load_ahead(command: str) -> None:
+def prefetch(command: str) -> None:
     """Begin to load, on a thread, the programs that a command used last time; see `keep_list`."""
-    global _command_ahead
-    _command_ahead = command
-    _ahead.used.clear()
+    global _prefetched_command
+    _prefetched_command = command
+    _prefetcher.used.clear()
     name = _list_name()
     content = None if name is None or _store is None else _store.read(name)
     if content is not None:
-        _ahead.start(content.decode().splitlines())
+        _prefetcher.start(content.decode().splitlines())
 
 
-def stop_ahead() -> None:
+def stop_prefetch() -> None:
     """Load no further program ahead."""
-    _ahead.stop()
+    _prefetcher.stop()
 
 
 def keep_list() -> None:
-    """Keep the names of the programs that were used since `load_ahead`, for the next run of its command."""
-    name = _list_name() if _ahead.used else None
-    used = "\n".join(_ahead.used).encode()
+    """Keep the names of the programs that were used since `prefetch`, for the next run of its command."""
+    name = _list_name() if _prefetcher.used else None
+    used = "\n".join(_prefetcher.used).encode()
     if name is not None and _store is not None and _store.read(name) != used:
         _store.write(name, used)
 
@@ -147,7 +147,7 @@ def keep_list() -> None:
 def _list_name() -> str | None:
     """The name of the entry that lists the programs of the command; None if that is not known."""
     around = keys.surroundings()
-    return None if around is None else entry_name(f"programs of {_command_ahead}\n{around}")
+    return None if around is None else entry_name(f"programs of {_prefetched_command}\n{around}")
 
 
 def is_traced(tree: object) -> bool:
@@ -229,7 +229,7 @@ class Programs:
         if key is None or _store is None:
             return None
         name = entry_name(key)
-        program = _program_of(_ahead.take(name))
+        program = _program_of(_prefetcher.take(name))
         if program is None:
             return self._compiled(name, fixed, given)
         self.unproven.add(call)
@@ -325,7 +325,7 @@ def _find_lapack() -> None:
     jax.jit(jax.lax.linalg.lu).lower(jax.ShapeDtypeStruct((1, 1), np.float32))
 
 
-_ahead = Ahead(_loaded)
+_prefetcher = Prefetch(_loaded)
 
 
 def _warn_unusable(error: Exception) -> None:

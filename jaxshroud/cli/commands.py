@@ -106,9 +106,9 @@ def _run(words: Sequence[str], at_end: ExitStack) -> int:
     """Run the command of these words and return its exit status."""
     try:
         options = parser().parse_args(join_negative_values(words))
-        ahead = _load_ahead(options, at_end)
+        prefetching = _prefetch(options, at_end)
         command = _command(options.verb)
-        if not ahead and "jax" in sys.modules:
+        if not prefetching and "jax" in sys.modules:
             set_up_jax()
     except Exception as error:
         return _exit_status(error)
@@ -117,7 +117,7 @@ def _run(words: Sequence[str], at_end: ExitStack) -> int:
             with files.results_together():
                 command(options)
             sys.stdout.flush()
-            if ahead:
+            if prefetching:
                 _keep_list()
         except KeyboardInterrupt as interrupt:
             _printed_interruption.append(_interruption_message(*map(str, interrupt.args)))
@@ -139,16 +139,16 @@ def _status_of_places() -> int:
     return 1
 
 
-def _load_ahead(options: Namespace, at_end: ExitStack) -> bool:
+def _prefetch(options: Namespace, at_end: ExitStack) -> bool:
     """Load the programs of a command about a scene while it is imported, until the end; False for other commands."""
     scene = getattr(options, "scene", None)
     if scene is None:
         return False
     set_up_jax()
-    from jaxshroud.cache.programs import load_ahead, stop_ahead
+    from jaxshroud.cache.programs import prefetch, stop_prefetch
 
-    at_end.callback(stop_ahead)
-    load_ahead(f"{options.verb} {scene}")
+    at_end.callback(stop_prefetch)
+    prefetch(f"{options.verb} {scene}")
     return True
 
 

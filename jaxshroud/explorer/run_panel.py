@@ -97,7 +97,7 @@ def _spans(t: np.ndarray, values: np.ndarray, styles: Any, bottom: float) -> lis
     return found
 
 
-def film_columns(run: RunData) -> tuple[PlotColumns, float]:
+def frame_columns(run: RunData) -> tuple[PlotColumns, float]:
     """The corners, the contact point and the ends of the arrows of every frame, and the factor of exaggeration."""
     frames, blocks = last_frames(run, None), stored_blocks(run.ds)
     factor = fitting_factor(frames, blocks)
@@ -234,20 +234,20 @@ class RunPanel:
         recolouring.line(forces.line("t", "F", source=source, legend_label="F", line_dash="dashed"), "strong")
         forces.legend.orientation = "horizontal"
         words = Div(text=key_html([*MODE_STYLES.values(), *CASE_STYLES.values()]), **wide())
-        return [self._film(recolouring), ribbon, words, forces]
+        return [self._animation(recolouring), ribbon, words, forces]
 
-    def _film(self, recolouring: Recolouring) -> Any:
-        plot = new_plot("the blocks", 210, "", "", "film_plot", match_aspect=True, tools="")
+    def _animation(self, recolouring: Recolouring) -> Any:
+        plot = new_plot("the blocks", 210, "", "", "animation_plot", match_aspect=True, tools="")
         plot.axis.visible = plot.grid.visible = False
         shapes = plot.patches("xs", "ys", source=self.sources["blocks"], fill_alpha=0.25, line_width=1.5)
         recolouring.line(shapes, "soft")
         arrows = plot.segment("x0", "y0", "x1", "y1", source=self.sources["arrows"], line_width=3, line_color=ORANGE)
         arrows.glyph.line_cap = "round"
         plot.scatter("x0", "y0", source=self.sources["arrows"], size=7, color=ORANGE, line_color=None)
-        self.film = plot
+        self.animation = plot
         self.frame = Slider(title="frame", start=0, end=1, value=0, step=1, **styled())
         shown = {name: self.sources[name] for name in ("frames", "blocks", "arrows")}
-        draw = CustomJS(args={**shown, "title": plot.title, "frame": self.frame}, code=file_text("film.js"))
+        draw = CustomJS(args={**shown, "title": plot.title, "frame": self.frame}, code=file_text("animation.js"))
         self.frame.js_on_change("value", draw)
         self.sources["frames"].js_on_change("data", draw)
         self.play = Toggle(label="move", width=80, name="play", **styled())
@@ -292,8 +292,8 @@ class RunPanel:
             result: Of one scene.
         """
         for name, columns in run_columns(result, self.row).items():
-            if name == "film":
-                self._fit_film(columns)
+            if name == "animation":
+                self._fit_animation(columns)
             else:
                 self.sources[name].data = columns
         if "frames" in self.sources and not self.row:
@@ -308,12 +308,12 @@ class RunPanel:
             self.sources["blocks"].data = {"xs": xs, "ys": ys, "blade": [0, 1]}
             self.sources["arrows"].data = arrow_columns(frames)
 
-    def _fit_film(self, film: PlotColumns) -> None:
-        """Give the film room for all of its frames, and begin it anew."""
-        self.film.x_range.update(start=film["left"], end=film["right"])
-        self.film.y_range.update(start=film["low"], end=film["high"])
-        self.film.title.text = f"the blocks, motion and gap × {film['factor']:g}"
-        self.frame.update(end=max(film["count"] - 1, 1), value=0)
+    def _fit_animation(self, animation: PlotColumns) -> None:
+        """Give the animation room for all of its frames, and begin it anew."""
+        self.animation.x_range.update(start=animation["left"], end=animation["right"])
+        self.animation.y_range.update(start=animation["low"], end=animation["high"])
+        self.animation.title.text = f"the blocks, motion and gap × {animation['factor']:g}"
+        self.frame.update(end=max(animation["count"] - 1, 1), value=0)
 
 
 def arrow_columns(frames: PlotColumns) -> PlotColumns:
@@ -337,10 +337,10 @@ def run_columns(result: Trajectory, row_of_blades: bool) -> dict[str, PlotColumn
     if row_of_blades:
         return {**columns, "ring": ring_columns(run), "diameters": diameter_columns(run)}
     forces, spans = contact_columns(run)
-    frames, factor = film_columns(run)
+    frames, factor = frame_columns(run)
     x = np.array([frames[f"x{b}{k}"] for b in (0, 1) for k in range(4)])
     y = np.array([frames[f"y{b}{k}"] for b in (0, 1) for k in range(4)])
     margin = 0.04 * float(np.ptp(x))
     ends = {"left": x.min() - margin, "right": x.max() + margin, "low": y.min() - margin, "high": y.max() + margin}
-    film = {**{name: float(v) for name, v in ends.items()}, "factor": factor, "count": len(frames["t"])}
-    return {**columns, "forces": forces, "spans": spans, "film": film, "frames": frames}
+    animation = {**{name: float(v) for name, v in ends.items()}, "factor": factor, "count": len(frames["t"])}
+    return {**columns, "forces": forces, "spans": spans, "animation": animation, "frames": frames}

@@ -1,4 +1,4 @@
-"""The look of the page: its template, the colours of light and dark, and the style of figures."""
+"""The styles of the page: its template, the colours of light and dark, and the style of figures."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxshroud.march.accumulator import Accumulator, EnergyJumps, EventMargins
 from jaxshroud.march.event import Events, case_switches
 from jaxshroud.march.events import (
     EVENTS,
@@ -24,7 +25,6 @@ from jaxshroud.march.events import (
 from jaxshroud.march.guards import GuardEvaluation, Guards, any_of
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Lift
-from jaxshroud.march.tally import EnergyJumps, EventMargins, Tally
 from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, where
 from jaxshroud.model.contact_law import starts_in_overlap
 from jaxshroud.model.drive import Waves
@@ -60,13 +60,13 @@ class Lane(eqx.Module):
     step: Int[Array, "..."]  # the clock: integer index of the current step in the period
     search: Any  # a `Search`, or a `TaylorSearch` for power series
     guards: Guards | None  # at the start of the trial; None where there are no events
-    tally: Tally
+    accumulator: Accumulator
     status: Int[Array, "..."]
 
     @property
     def differentiable(self) -> tuple[Any, ...]:
         """The fields that may have a tangent: those on which later motion, power, moments or means depend."""
-        sums = self.tally.integrals
+        sums = self.accumulator.integrals
         optional = [one for one in (sums.moments, sums.means) if one is not None]
         return self.state, *self.search.differentiable, sums.power, *optional
 
@@ -88,13 +88,13 @@ def running(lane: Lane, stop: Int[Array, "..."]) -> Bool[Array, "..."]:
 
 
 def updated_lanes(update: Callable[..., Lane], method: Choices, each: EachLane, *args: LaneTree) -> LaneTree:
-    """`update(*args)` for every lane; the sums and extremes of a long tally in a kernel of their own.
+    """`update(*args)` for every lane; the sums and extremes of a long accumulator in a kernel of their own.
 
     A kernel with all of them would have more arguments than vector registers serve.
     """
-    if not method.has_long_tally:
+    if not method.has_long_accumulator:
         return each(update, *args)
-    sums = lambda lane: (lane.tally.integrals, lane.tally.log.impacts, lane.tally.log.extent)
+    sums = lambda lane: (lane.accumulator.integrals, lane.accumulator.log.impacts, lane.accumulator.log.extent)
     others = each(lambda *args: eqx.tree_at(sums, update(*args), (None,) * 3, is_leaf=lambda a: a is None), *args)
     return eqx.tree_at(sums, others, each(lambda *args: sums(update(*args)), *args), is_leaf=lambda a: a is None)
 

@@ -34,7 +34,7 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.event import Event, EventInstant, Events, always, next_mode
 from jaxshroud.march.guards import ContactNow, Guard, GuardEvaluation, Guards, any_of
-from jaxshroud.model.arithmetic import ABSENT, Scalar, where
+from jaxshroud.model.arithmetic import ZERO, Scalar, where
 from jaxshroud.model.drive import Waves
 from jaxshroud.model.geometry import (
     ContactKinematics,
@@ -197,7 +197,7 @@ def guard_values(
     return Guards(*zip(*guards, strict=True))
 
 
-NO_GUARD = Guard(ABSENT, ABSENT)
+NO_GUARD = Guard(ZERO, ZERO)
 
 
 class Transition(NamedTuple):
@@ -242,7 +242,7 @@ def transition(
     guards = guard_values(new, contact_rates(new, z, case, model.reading), view.torques, after, case, model, events)
     energy = law.stored_energy(new.v, law.stretch(new.v, new.u, u_s, mode), mode)
     energy = energy - law.stored_energy(at.v, w, state.mode)
-    dropped = ABSENT
+    dropped = ZERO
     if has_torsion(model):
         dropped = where(becomes_flat, stored_energy(unprojected, model) - stored_energy(z, model), 0.0)
     return Transition(after, guards, energy, dropped, kind, state)

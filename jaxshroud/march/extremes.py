@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
+from jaxshroud.march.accumulator import ContactPeaks, DisplacementRange, StepExtrema, displacements_of
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.locate import HermiteCubic
 from jaxshroud.march.observable import BladeTrial, InterfaceTrial
-from jaxshroud.march.tally import ContactPeaks, DisplacementRange, StepExtrema, displacements_of
 from jaxshroud.march.taylor_events import TRIAL_PARTS, Coefficients
-from jaxshroud.model.arithmetic import Scalar, is_absent, where
+from jaxshroud.model.arithmetic import Scalar, is_zero, where
 from jaxshroud.model.contact_law import LinearLaw
 from jaxshroud.model.geometry import contact_rates
 from jaxshroud.model.interface import law_forces
@@ -83,10 +83,10 @@ def updated_peaks(before: ContactPeaks, trial: InterfaceTrial) -> ContactPeaks:
     a, b = _end_forces(state.motion, state, model), _end_forces(trial.end, state, model)
     deepest = _cubic_peak(HermiteCubic(a.v, b.v, a.v_rate * h, b.v_rate * h))
     N = jnp.maximum(before.N, model.law.largest_normal_force(deepest, state.mode, (a.N, b.N)))
-    if is_absent(a.F):
+    if is_zero(a.F):
         return ContactPeaks(N, before.F)
     ends = jnp.maximum(jnp.abs(a.F), jnp.abs(b.F))
-    if not is_absent(a.F_rate):
+    if not is_zero(a.F_rate):
         for sign in (1.0, -1.0):
             ends = jnp.maximum(
                 ends, _cubic_peak(HermiteCubic(sign * a.F, sign * b.F, sign * a.F_rate * h, sign * b.F_rate * h))
@@ -203,8 +203,8 @@ def taylor_range(inside: MotionSeries) -> DisplacementRange:
 
 def _of_each_displacement(f: Callable[[Coefficients], Any], inside: MotionSeries) -> tuple[Any, Any, Any]:
     """`f` of the coefficients of each displacement that is not absent."""
-    of = lambda a: a if is_absent(a) else f(a.coefficients(inside.order))
-    return jax.tree.map(of, displacements_of(inside.motion), is_leaf=is_absent)
+    of = lambda a: a if is_zero(a) else f(a.coefficients(inside.order))
+    return jax.tree.map(of, displacements_of(inside.motion), is_leaf=is_zero)
 
 
 def _polynomial_extent_of(c: Coefficients, s: Scalar) -> Extent:

@@ -16,7 +16,7 @@ from jaxshroud.march.event import Violated
 from jaxshroud.march.guards import Guards, any_of, present
 from jaxshroud.march.method_names import Locate
 from jaxshroud.march.search import Search, Target
-from jaxshroud.model.arithmetic import Pair, Scalar, is_absent, traced_once, where
+from jaxshroud.model.arithmetic import Pair, Scalar, is_zero, traced_once, where
 from jaxshroud.scene.typed import Tree
 
 
@@ -130,7 +130,7 @@ def guard_cubic(value: tuple, rate: tuple, integral: tuple | None, h: Scalar) ->
 def integral_of(guards: Guards, kind: int) -> Scalar:
     """The integral of a guard, 0 where it has none."""
     integral = guards.integral[kind]
-    return jnp.zeros_like(guards.value[0]) if is_absent(integral) else integral
+    return jnp.zeros_like(guards.value[0]) if is_zero(integral) else integral
 
 
 def first_interior_maximum(start: Guards, end: Guards, h: Scalar) -> Scalar:
@@ -142,7 +142,7 @@ def first_interior_maximum(start: Guards, end: Guards, h: Scalar) -> Scalar:
     for kind in present(start.value):
         ends = (start.value[kind], end.value[kind]), (start.rate[kind], end.rate[kind])
         integrals = start.integral[kind], end.integral[kind]
-        cubic = guard_cubic(*ends, None if is_absent(integrals[0]) else integrals, h)
+        cubic = guard_cubic(*ends, None if is_zero(integrals[0]) else integrals, h)
         first = where(cubic.g_0 <= 0, jnp.minimum(first, cubic.interior_maximum[0]), first)
     return first
 

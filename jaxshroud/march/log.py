@@ -1,4 +1,4 @@
-"""The tally of pairs and rows through their trials; what is logged, and how, stands in `logged`."""
+"""The accumulator of pairs and rows through their trials; what is logged, and how, stands in `logged`."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from jaxshroud.march.accumulator import Accumulator, EnergyJumps, Log, no_margins
 from jaxshroud.march.carry import InterfaceChange
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.extremes import ContactSeries, MotionSeries
@@ -13,8 +14,7 @@ from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Beginning, BladeTrial, Ending, InterfaceTrial, Observable, Per
 from jaxshroud.march.row_step import OfLanes, RowStepEnd
-from jaxshroud.march.tally import EnergyJumps, Log, Tally, no_margins
-from jaxshroud.model.arithmetic import ABSENT, Scalar, is_absent, zeros_for
+from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, zeros_for
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
@@ -43,13 +43,13 @@ def value_in(log: Log, name: str) -> Any:
     return log.own[name] if name in log.own else getattr(log, name)
 
 
-def new_tally(state: State, model: Model, method: Choices) -> Tally:
-    """The tally of a lane that starts from `state`."""
+def new_accumulator(state: State, model: Model, method: Choices) -> Accumulator:
+    """The accumulator of a lane that starts from `state`."""
     zero = jnp.zeros_like(state.motion.x[0])
     _, none = zeros_for(lambda: rhs(drive_waves(zero, zero, model.drive), state, model, method.recorded))
-    jumps = EnergyJumps(zero, zero if has_torsion(model) else ABSENT) if method.ledger else None
+    jumps = EnergyJumps(zero, zero if has_torsion(model) else ZERO) if method.ledger else None
     margins = no_margins(zero) if method.margins else None
-    return Tally(none, jumps, None if method.derivative else _new_log(state, zero, model, method), margins)
+    return Accumulator(none, jumps, None if method.derivative else _new_log(state, zero, model, method), margins)
 
 
 def _new_log(state: State, zero: Scalar, model: Model, method: Choices) -> Log:
@@ -59,12 +59,16 @@ def _new_log(state: State, zero: Scalar, model: Model, method: Choices) -> Log:
     return log_of({one.name: start(one) for one in observables_of(method)})
 
 
-def updated_tally(
-    tally: Tally, gain: Integrals, jumps: EnergyJumps | None, trial: AcceptedTrial, method: Choices
-) -> Tally:
-    """The tally after a trial with so much of the integrals and of the jumps at its end; margins are kept."""
-    tally = tally.plus(gain, jumps)
-    return tally if tally.log is None else tally._replace(log=updated_log(tally.log, trial, method))
+def updated_accumulator(
+    accumulator: Accumulator, gain: Integrals, jumps: EnergyJumps | None, trial: AcceptedTrial, method: Choices
+) -> Accumulator:
+    """The accumulator after a trial with so much of the integrals and of the jumps at its end; margins are kept."""
+    accumulator = accumulator.plus(gain, jumps)
+    return (
+        accumulator
+        if accumulator.log is None
+        else accumulator._replace(log=updated_log(accumulator.log, trial, method))
+    )
 
 
 def updated_log(log: Log, trial: AcceptedTrial, method: Choices) -> Log:
@@ -112,7 +116,7 @@ def of_blades(one: Observable, f: Callable[..., Any], *trees: Any) -> Any:
     if one.takes == "all":
         return f(*trees)
     left, right = (f(*(_of_side(i, tree) for tree in trees)) for i in (0, 1))
-    return jax.tree.map(lambda a, b: (a, b), left, right, is_leaf=is_absent)
+    return jax.tree.map(lambda a, b: (a, b), left, right, is_leaf=is_zero)
 
 
 def is_of_blades(tree: Any) -> bool:
@@ -126,7 +130,7 @@ def _of_side(i: int, tree: Any) -> Any:
 
 
 class RowTrial(NamedTuple):
-    """A trial of a row that was accepted, as far as the tally asks."""
+    """A trial of a row that was accepted, as far as the accumulator asks."""
 
     start: State
     mode: Any  # of each interface during it
@@ -158,11 +162,17 @@ def new_row_log(state: State, at: OfInterfaces, model: RowModel, method: Choices
     return log_of({one.name: start(one) for one in observables_of(method)})
 
 
-def updated_row_tally(tally: Tally, trial: RowTrial, model: RowModel, method: Choices, each: Each) -> Tally:
-    """The tally after a trial."""
+def updated_row_accumulator(
+    accumulator: Accumulator, trial: RowTrial, model: RowModel, method: Choices, each: Each
+) -> Accumulator:
+    """The accumulator after a trial."""
     jumps = EnergyJumps(trial.change.springs, trial.dropped)
-    tally = tally.plus(trial.end.gain, jumps)._replace(margins=trial.change.margins)
-    return tally if tally.log is None else tally._replace(log=_updated_row_log(tally.log, trial, model, method, each))
+    accumulator = accumulator.plus(trial.end.gain, jumps)._replace(margins=trial.change.margins)
+    return (
+        accumulator
+        if accumulator.log is None
+        else accumulator._replace(log=_updated_row_log(accumulator.log, trial, model, method, each))
+    )
 
 
 def _updated_row_log(log: Log, trial: RowTrial, model: RowModel, method: Choices, each: Each) -> Log:
@@ -205,10 +215,10 @@ def _updated_each(log: Log, trial: Any, observables: list[Observable], each: Eac
     return over(each, updated, {one.name: value_in(log, one.name) for one in observables}, trial)
 
 
-def tally_of_new_period(tally: Tally, z: Motion, method: Choices) -> Tally:
-    """The tally with what is told of each period reset, at the motion `z`."""
-    integrals, jumps = jax.tree.map(jnp.zeros_like, (tally.integrals, tally.jumps))
-    log = tally.log
+def accumulator_of_new_period(accumulator: Accumulator, z: Motion, method: Choices) -> Accumulator:
+    """The accumulator with what is told of each period reset, at the motion `z`."""
+    integrals, jumps = jax.tree.map(jnp.zeros_like, (accumulator.integrals, accumulator.jumps))
+    log = accumulator.log
     if log is not None:
         log = log_of({one.name: one.reset(value_in(log, one.name), z) for one in observables_of(method)})
-    return Tally(integrals, jumps, log, tally.margins)
+    return Accumulator(integrals, jumps, log, accumulator.margins)

@@ -3,6 +3,18 @@
 import jax
 import jax.numpy as jnp
 
+from jaxshroud.march.accumulator import (
+    ContactPeaks,
+    ContactTimes,
+    DisplacementRange,
+    Impacts,
+    Log,
+    StepExtrema,
+    count_event,
+    displacements_of,
+    half_position,
+    no_events,
+)
 from jaxshroud.march.event import Event
 from jaxshroud.march.events import EVENTS
 from jaxshroud.march.extremes import (
@@ -20,18 +32,6 @@ from jaxshroud.march.extremes import (
 )
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Beginning, BladeTrial, Ending, InterfaceTrial, Observable, from_zero, lasting
-from jaxshroud.march.tally import (
-    ContactPeaks,
-    ContactTimes,
-    DisplacementRange,
-    Impacts,
-    Log,
-    StepExtrema,
-    count_event,
-    displacements_of,
-    half_position,
-    no_events,
-)
 from jaxshroud.model.arithmetic import Scalar, where
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.rhs import Displacements, Means

@@ -5,10 +5,10 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
+from jaxshroud.march.accumulator import EnergyJumps
 from jaxshroud.march.carry import PerLane
 from jaxshroud.march.events import place_contact
-from jaxshroud.march.tally import EnergyJumps
-from jaxshroud.model.arithmetic import ABSENT, Scalar, blended, where
+from jaxshroud.model.arithmetic import ZERO, Scalar, blended, where
 from jaxshroud.model.contact_law import Slider
 from jaxshroud.model.drive import Waves
 from jaxshroud.model.geometry import Case, ContactKinematics, Pose, is_upper, tip_is_left
@@ -43,8 +43,8 @@ def contact_forces_at(
     """`contact_forces` of placed blocks under known torques."""
     _, case, at = placed
     N, F, _ = law_forces(at, state.motion, state, case, model)
-    F = where(state.mode == Mode.APART, ABSENT, F)  # no negative zero
-    point = ABSENT
+    F = where(state.mode == Mode.APART, ZERO, F)  # no negative zero
+    point = ZERO
     if has_torsion(model):
         place = _tip_position(at, case, model.block.l_ab)
         if model.law.has_events:

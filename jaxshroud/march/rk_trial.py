@@ -38,12 +38,12 @@ from jaxshroud.march.event import (
 from jaxshroud.march.events import evaluate_guards, place_contact
 from jaxshroud.march.guards import any_of
 from jaxshroud.march.locate import at_event, at_least_two, judge_trial, select, select_guard
-from jaxshroud.march.log import AcceptedTrial, new_tally, updated_tally
+from jaxshroud.march.log import AcceptedTrial, new_accumulator, updated_accumulator
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import BladeTrial, Ending, InterfaceTrial, Lift
 from jaxshroud.march.rk_step import NO_STAGES, Stages, StepEnd, rk_stages, rk_step, trial_interval
 from jaxshroud.march.search import Search, following_search, new_search
-from jaxshroud.model.arithmetic import ABSENT, Scalar, is_absent, where, zeros_for
+from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, where, zeros_for
 from jaxshroud.model.contact_law import Slider
 from jaxshroud.model.drive import Waves, drive_waves
 from jaxshroud.model.modes import FLAT, Mode, Status
@@ -59,7 +59,7 @@ EVENT_REFINEMENTS = 3
 def begin_rk(state: State, model: Model, method: Choices) -> Lane:
     """`Stepper.begin`. The first trial has length zero: it sets the guards."""
     zero, step = jnp.zeros_like(state.motion.x[0]), jnp.zeros((), jnp.int32)
-    tally = new_tally(state, model, method)
+    accumulator = new_accumulator(state, model, method)
     guards = None
     check_own_events(method.events, model.law.has_events)
     if model.law.has_events:
@@ -67,7 +67,7 @@ def begin_rk(state: State, model: Model, method: Choices) -> Lane:
         evaluate = lambda: evaluate_guards(state.motion, waves(), state, model, method.all_events)
         guards = guards_to_begin_with(zeros_for(evaluate).guards, method.all_events)
     search = new_search(zero, zero, jnp.ones((), bool), step, method.locate, method.derivative)
-    return Lane(state, step, search, guards, tally, step)
+    return Lane(state, step, search, guards, accumulator, step)
 
 
 def rk_trials(
@@ -88,7 +88,7 @@ def rk_trials(
 
 
 def update_after_rk(lanes: LaneTree, ends: LaneTree, fixed: LaneTree, method: Choices, each: EachLane) -> LaneTree:
-    """`Stepper.update`. With derivatives, and with long tallies, the decision is a kernel of its own."""
+    """`Stepper.update`. With derivatives, and with long accumulators, the decision is a kernel of its own."""
 
     def decide(lane: Lane, end: StepEnd, fixed: Fixed[Model]) -> Decision:
         return decide_trial(lane, end, fixed, method)
@@ -96,7 +96,7 @@ def update_after_rk(lanes: LaneTree, ends: LaneTree, fixed: LaneTree, method: Ch
     def apply(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed[Model]) -> Lane:
         return apply_decision(lane, end, decision, fixed, method)
 
-    if not method.derivative and not method.has_long_tally:
+    if not method.derivative and not method.has_long_accumulator:
         return each(lambda lane, end, fixed: apply(lane, end, decide(lane, end, fixed), fixed), lanes, ends, fixed)
     return updated_lanes(apply, method, each, lanes, ends, each(decide, lanes, ends, fixed), fixed)
 
@@ -187,15 +187,15 @@ def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed[Mo
         BladeTrial(start.motion, z, z, h, lane.step, step),
         Ending(transition, fire, search.inside),
     )
-    tally = updated_tally(lane.tally, gain, jumps, trial, method)
-    tally = tally._replace(margins=updated_margins(tally.margins, change, fire, model))
+    accumulator = updated_accumulator(lane.accumulator, gain, jumps, trial, method)
+    accumulator = accumulator._replace(margins=updated_margins(accumulator.margins, change, fire, model))
     status = where(accept, _status(z, decision.not_finite, next_search), Status.OK).astype(jnp.int32)
     return Lane(
         select(accept, state, start),
         where(accept, step, lane.step),
         select(accept, next_search, repeated),
         select(accept | decision.move_low, guards, lane.guards),
-        select(accept, tally, lane.tally),
+        select(accept, accumulator, lane.accumulator),
         where(running(lane, stop), status, lane.status),
     )
 
@@ -213,7 +213,7 @@ def _with_slider_of(start: State, end: State) -> State:
 def _apply_without_events(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed[Model], method: Choices) -> Lane:
     """`apply_decision` without events."""
     model, grid, stop, accept = fixed.model, fixed.grid, fixed.stop, decision.accept
-    z, no, no_jumps = end.state.motion, jnp.zeros_like(accept), jax.tree.map(jnp.zeros_like, lane.tally.jumps)
+    z, no, no_jumps = end.state.motion, jnp.zeros_like(accept), jax.tree.map(jnp.zeros_like, lane.accumulator.jumps)
     at = place_contact(z, lane.state, model)[2]
     next_search, step = following_search(lane.search, lane.step, no, no, method.locate)
     mode, h = where(at.v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS)), trial_interval(lane, grid).h
@@ -221,21 +221,21 @@ def _apply_without_events(lane: Lane, end: StepEnd, decision: Decision, fixed: F
         InterfaceTrial(h, mode, at.v, None, lane.state, z, Lift(no, no, no), end.gain.loads, model),
         BladeTrial(lane.state.motion, z, z, h, lane.step, step),
     )
-    tally = updated_tally(lane.tally, end.gain, no_jumps, trial, method)
+    accumulator = updated_accumulator(lane.accumulator, end.gain, no_jumps, trial, method)
     status = where(accept, _status(z, decision.not_finite, next_search), Status.OK).astype(jnp.int32)
-    before = (lane.state, lane.step, lane.search, lane.tally)
-    state, step, search, tally = select(accept, (end.state, step, next_search, tally), before)
-    return Lane(state, step, search, None, tally, where(running(lane, stop), status, lane.status))
+    before = (lane.state, lane.step, lane.search, lane.accumulator)
+    state, step, search, accumulator = select(accept, (end.state, step, next_search, accumulator), before)
+    return Lane(state, step, search, None, accumulator, where(running(lane, stop), status, lane.status))
 
 
 def _differentiable_event_end(end: StepEnd, lane: Lane, kind: Int[Array, ""], fixed: Fixed[Model], events: Events):
     """The end of a trial where the guard of `kind` vanishes, with derivatives: state, wave, integrals and length."""
     assert end.slope is not None
     model, grid, start, length = fixed.model, fixed.grid, lane.state, lane.search.length
-    flowing = lambda state: state.u_s if model.law.flows else ABSENT
+    flowing = lambda state: state.u_s if model.law.flows else ZERO
 
     def guard(z: Motion, Q: Waves, u_s: Slider) -> Scalar:
-        at = _with_slider_of(start, end.state) if is_absent(u_s) else State(start.motion, u_s, start.mode, start.case)
+        at = _with_slider_of(start, end.state) if is_zero(u_s) else State(start.motion, u_s, start.mode, start.case)
         return select_guard(evaluate_guards(z, Q, at, model, events).guards.value, kind)
 
     slope, Q_rate, _ = lax.stop_gradient(end.slope)

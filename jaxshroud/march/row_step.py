@@ -17,7 +17,7 @@ from jaxshroud.march.locate import at_event, event_tolerance, select_guard
 from jaxshroud.march.method import Choices
 from jaxshroud.march.rk_step import TrialInterval, interval_in_step, waves_at_nodes
 from jaxshroud.march.row_guards import row_guards
-from jaxshroud.model.arithmetic import ABSENT, zeros_for
+from jaxshroud.model.arithmetic import ZERO, zeros_for
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.row import Cluster, Each, RowModel, clusters_of, row_rhs
@@ -58,7 +58,7 @@ def row_step(
 
     first = jax.tree.map(lambda a: a[0], at_stages)
     nothing = zeros_for(lambda: row_rhs(first, start, cluster, model, method.recorded, each)[1])
-    u_s = start.u_s if model.interfaces.law.flows else ABSENT
+    u_s = start.u_s if model.interfaces.law.flows else ZERO
     none = jax.tree.map(lambda a: jnp.zeros((stages, *a.shape), a.dtype), (start.motion, u_s))
     slopes, gain = jax.lax.fori_loop(0, stages, stage, (none, nothing))
     gain = jax.tree.map(lambda g: jax.lax.broadcast_to_rank(h, g.ndim) * g, gain)
@@ -125,7 +125,7 @@ def _at_root(
 ) -> tuple[RowStepEnd, OfLanes]:
     """`differentiable_event_end` where some of the lanes end at a root."""
     flows = fixed.model.interfaces.law.flows
-    moving = lambda end: (end.state.motion, end.state.u_s if flows else ABSENT, end.gain)
+    moving = lambda end: (end.state.motion, end.state.u_s if flows else ZERO, end.gain)
 
     def guard(end: RowStepEnd, fixed: Fixed[RowModel]) -> OfLanes:
         values = select_guard(

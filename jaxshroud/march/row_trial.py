@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
+from jaxshroud.march.accumulator import Accumulator, EnergyJumps, EventMargins, Log, no_margins
 from jaxshroud.march.carry import (
     MAX_EVENTS_PER_STEP,
     Fixed,
@@ -34,7 +35,7 @@ from jaxshroud.march.log import (
     penetrations,
     takers_of_events,
     takers_of_one,
-    updated_row_tally,
+    updated_row_accumulator,
     value_in,
 )
 from jaxshroud.march.method import Choices
@@ -51,8 +52,7 @@ from jaxshroud.march.row_step import (
     row_step,
 )
 from jaxshroud.march.search import following_search, new_search
-from jaxshroud.march.tally import EnergyJumps, EventMargins, Log, Tally, no_margins
-from jaxshroud.model.arithmetic import ABSENT, ANGLE_RANGE, Scalar, is_absent, zeros_for
+from jaxshroud.model.arithmetic import ANGLE_RANGE, ZERO, Scalar, is_zero, zeros_for
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.row import (
@@ -83,7 +83,7 @@ def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Lan
         guards = guards_to_begin_with(guards, method.all_events)
     log = None if method.derivative else new_row_log(state, at, model, method, each)
     margins = no_margins(at) if method.margins else None
-    return Lane(state, count, search, guards, Tally(nothing, EnergyJumps(at, lanes), log, margins), count)
+    return Lane(state, count, search, guards, Accumulator(nothing, EnergyJumps(at, lanes), log, margins), count)
 
 
 # A rocking motion that has turned so often within a step returns twice within `FLAT_RETURN` of it. What an interface
@@ -111,7 +111,7 @@ def interface_change(
 
     With `counted`, the values of the observables that take the event, before it.
     """
-    if not is_absent(joint):
+    if not is_zero(joint):
         model = eqx.tree_at(lambda m: m.mobility.joint, model, joint)
     view = interface_view(torque, start, model, method.all_events)
     rocks = None if turns is None else turns >= MAX_TURNS_PER_STEP
@@ -200,7 +200,7 @@ def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -
         search._replace(turns=change.turns), lane.step, decision.fire, recheck, method.locate
     )
     trial = RowTrial(lane.state, lane.state.mode, interval.h, end, after.motion, change, dropped, lane.step, step)
-    tally = updated_row_tally(lane.tally, trial, model, method, each)
+    accumulator = updated_row_accumulator(lane.accumulator, trial, model, method, each)
     limit = MAX_EVENTS_PER_STEP * len(verdict.outcome.hit)
     too_many = next_search.events > limit
     status = status_of(_turned(after, verdict.not_finite, model), verdict.not_finite, too_many)
@@ -210,7 +210,7 @@ def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -
         jnp.where(accept, step, lane.step),
         select(accept, next_search, repeated),
         select(accept | decision.move_low, guards, lane.guards),
-        select(accept, tally, lane.tally),
+        select(accept, accumulator, lane.accumulator),
         jnp.where(active, status, lane.status),
     )
 
@@ -234,7 +234,7 @@ def _change_of_row(
     lane: Lane, end: RowStepEnd, verdict: RowVerdict, fixed: Fixed[RowModel], method: Choices, each: Each
 ) -> InterfaceChange:
     """The change of each interface."""
-    model, grid, crossing, log = fixed.model, fixed.grid, verdict.crossing, lane.tally.log
+    model, grid, crossing, log = fixed.model, fixed.grid, verdict.crossing, lane.accumulator.log
     return over(
         each,
         partial(interface_change, method=method),
@@ -248,7 +248,7 @@ def _change_of_row(
         crossing.delay,
         lax.stop_gradient(grid.h),
         _of_events(log, method),
-        lane.tally.margins,
+        lane.accumulator.margins,
         lane.search.turns,
         model.interfaces,
     )
@@ -279,7 +279,7 @@ def _is_finite(state: State) -> Bool[Array, " lanes"]:
 def _turned(state: State, lost: Bool[Array, " lanes"], model: RowModel) -> Bool[Array, " lanes"]:
     """Whether a block has turned too far, or the motion is `lost`."""
     theta = model.blades.shroud(state.motion).theta
-    return lost if is_absent(theta) else lost | jnp.any(jnp.abs(theta) > ANGLE_RANGE, axis=0)
+    return lost if is_zero(theta) else lost | jnp.any(jnp.abs(theta) > ANGLE_RANGE, axis=0)
 
 
 def _without_events(
@@ -289,12 +289,12 @@ def _without_events(
     no = jnp.zeros_like(active)
     v = penetrations(end.state, model, each)
     touches = jnp.where(v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS))
-    told = jnp.zeros_like(v), _of_events(lane.tally.log, method), v, lane.tally.margins, Lift(no, no, no)
-    change = InterfaceChange(ABSENT, touches, touches, no, None, no, *told)
+    told = jnp.zeros_like(v), _of_events(lane.accumulator.log, method), v, lane.accumulator.margins, Lift(no, no, no)
+    change = InterfaceChange(ZERO, touches, touches, no, None, no, *told)
     next_search, step = following_search(lane.search, lane.step, no, no, method.locate)
     motion = end.state.motion
     trial = RowTrial(lane.state, touches, h, end, motion, change, jnp.zeros_like(h), lane.step, step)
-    tally = updated_row_tally(lane.tally, trial, model, method, each)
+    accumulator = updated_row_accumulator(lane.accumulator, trial, model, method, each)
     lost = ~_is_finite(end.state)
     status = status_of(_turned(end.state, lost, model), lost, no)
     return Lane(
@@ -302,6 +302,6 @@ def _without_events(
         jnp.where(active, step, lane.step),
         select(active, next_search, lane.search),
         None,
-        select(active, tally, lane.tally),
+        select(active, accumulator, lane.accumulator),
         jnp.where(active, status, lane.status),
     )

@@ -20,7 +20,7 @@ from jaxshroud.march.carry import Fixed, Lane
 from jaxshroud.march.events import HEIGHT, LIFT, RUB, TURN, number_of, place_contact
 from jaxshroud.march.guards import switch_guards
 from jaxshroud.march.tableau import TOLERANCE_RANGE
-from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, sincos_turns, where
+from jaxshroud.model.arithmetic import ZERO, Pair, Scalar, is_zero, sincos_turns, where
 from jaxshroud.model.contact_law import ContactLoads, LinearLaw, linear_law
 from jaxshroud.model.drive import Waves, drive_wave_rates, drive_wave_series, drive_waves
 from jaxshroud.model.geometry import ContactKinematics, Pose, contact_rates
@@ -98,7 +98,7 @@ def per_radian(model: Model, unit: Scalar) -> Model:
     springs = lambda m: linear_law(m.law).stiffnesses
     for places, factor in ((forces, unit * unit), (dampers, unit), (springs, unit * unit)):
         scaled = jax.tree.map(lambda a, factor=factor: a * factor, places(model))
-        model = eqx.tree_at(places, model, scaled, is_leaf=is_absent)
+        model = eqx.tree_at(places, model, scaled, is_leaf=is_zero)
     return model
 
 
@@ -109,7 +109,7 @@ def _displacement_series(x: Pair, v: Pair, unit: Scalar, k: int, accelerations: 
         initial = x[i], v[i] * unit
         return Series(lambda n: accelerations[k][i][n - 2] * (1 / (n * (n - 1))) if n > 1 else initial[n])
 
-    left, right = (x[i] if is_absent(x[i]) else of(i) for i in (0, 1))
+    left, right = (x[i] if is_zero(x[i]) else of(i) for i in (0, 1))
     return left, right
 
 
@@ -139,28 +139,28 @@ TESTED_TOLERANCES = np.geomspace(*TOLERANCE_RANGE, 16)
 
 def integrated_squares(expansion: TaylorExpansion, order: int, s: Scalar, gyration: Scalar) -> Pair:
     """The mean squares of the displacements, integrated over `s` radians."""
-    pose, total = expansion.pose, (ABSENT, ABSENT)
-    mean = lambda a: a if is_absent(a) else polynomial_value(_integrated(a, order), s) / where(s > 0, s, 1.0)
+    pose, total = expansion.pose, (ZERO, ZERO)
+    mean = lambda a: a if is_zero(a) else polynomial_value(_integrated(a, order), s) / where(s > 0, s, 1.0)
     versine = tuple(map(mean, pose.versine))  # which enters linearly
     for t, weight in zip(*lobatto_rule_for(order), strict=True):
         x, y = (tuple(_at_node(a, order, s, t) for a in pair) for pair in (pose.x, pose.y))
         squares = mean_square(pose._replace(x=x, y=y, versine=versine), gyration)
         total = total[0] + weight * squares[0], total[1] + weight * squares[1]
-    left, right = (a if is_absent(a) else a * s * expansion.unit for a in total)
+    left, right = (a if is_zero(a) else a * s * expansion.unit for a in total)
     return left, right
 
 
 def _at_node(a: Any, order: int, s: Scalar, t: float) -> Scalar:
     """A series at the node `t` of a rule over `s` radians."""
-    return a if is_absent(a) else polynomial_value(a.coefficients(order), s * t) if t else a[0]
+    return a if is_zero(a) else polynomial_value(a.coefficients(order), s * t) if t else a[0]
 
 
 def integrated_means(expansion: TaylorExpansion, order: int, s: Scalar) -> Means:
     """The position of the left block over `s` radians; x and y at the nodes at which their squares are needed."""
     (x, _), (y, _) = expansion.pose.x, expansion.pose.y
     rule, seconds = list(zip(*lobatto_rule_for(order), strict=True)), s * expansion.unit
-    at_nodes = lambda a: a if is_absent(a) else seconds * sum(w * _at_node(a, order, s, t) for t, w in rule)
-    gained = lambda a: a if is_absent(a) else polynomial_value(_integrated(a, order), s) * expansion.unit
+    at_nodes = lambda a: a if is_zero(a) else seconds * sum(w * _at_node(a, order, s, t) for t, w in rule)
+    gained = lambda a: a if is_zero(a) else polynomial_value(_integrated(a, order), s) * expansion.unit
     return Means(at_nodes(x), at_nodes(y), gained(expansion.pose.sin[0]), gained(expansion.pose.versine[0]))
 
 
@@ -171,7 +171,7 @@ def integrated_works(expansion: TaylorExpansion, order: int, s: Scalar) -> Ledge
     gained = lambda rate, at=s: polynomial_value(_integrated(rate, order + EXTRA_WORK_TERMS), at)
     half = gained(expansion.works.drive, s / 2)
     parts = (expansion.works.drive, expansion.works.viscous, expansion.works.friction)
-    drive, viscous, friction = (a if is_absent(a) else gained(a) for a in parts)
+    drive, viscous, friction = (a if is_zero(a) else gained(a) for a in parts)
     gross = jnp.abs(half) + jnp.abs(drive - half)
     joules = 1 / (expansion.unit * expansion.unit)
     return Ledger(*(a * joules for a in (drive, gross, viscous, friction)))
@@ -180,7 +180,7 @@ def integrated_works(expansion: TaylorExpansion, order: int, s: Scalar) -> Ledge
 def integrated_moments(expansion: TaylorExpansion, order: int, s: Scalar) -> Moments:
     """The moments of the displacements over `s` radians."""
     z, unit = expansion.motion, expansion.unit
-    each = lambda f: tuple(tuple(a if is_absent(a) else f(a) * unit for a in pair) for pair in (z.x, z.y, z.theta))
+    each = lambda f: tuple(tuple(a if is_zero(a) else f(a) * unit for a in pair) for pair in (z.x, z.y, z.theta))
     first = each(lambda a: polynomial_value(_integrated(a, order), s))
     second = each(lambda a: _integrated_square(a.coefficients(order), order, s))
     return Moments(first, second)  # pyright: ignore[reportArgumentType]
@@ -196,7 +196,7 @@ def integrated_loads(expansion: TaylorExpansion, order: int, s: Scalar, state: S
     impulse = polynomial_value(_integrated(expansion.v, order - 1), s) * expansion.unit
     N = law.normal_force(impulse, state.mode)
     if not law.has_stick:
-        return ContactLoads(N, ABSENT, ABSENT, ABSENT)
+        return ContactLoads(N, ZERO, ZERO, ZERO)
     gained = lambda a: polynomial_value(a.coefficients(order - 1), s) - a[0]
     moved = law.slider_speed(gained(expansion.v), gained(expansion.u), state.mode)
     slips = (state.mode == Mode.SLIP_PLUS) | (state.mode == Mode.SLIP_MINUS)

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.model.arithmetic import Formal, Pair, Scalar, blended, is_absent, plus, sine_versine, where
+from jaxshroud.model.arithmetic import Pair, Scalar, Symbolic, blended, is_zero, plus, sine_versine, where
 from jaxshroud.model.series import rate_of
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Shroud
@@ -87,7 +87,7 @@ def pose(x: Pair, y: Pair, theta: Pair) -> Pose:
 
 def rotation(theta: Scalar) -> tuple[Scalar, Scalar]:
     """The sine and the versine of an angle."""
-    return theta.sine_versine() if isinstance(theta, Formal) else sine_versine(theta)
+    return theta.sine_versine() if isinstance(theta, Symbolic) else sine_versine(theta)
 
 
 class CaseBlend(NamedTuple):
@@ -173,7 +173,7 @@ def contact_kinematics(q: Pose, case: Case, block: Corners, reading: frozenset[s
 def _rounding(terms: tuple[Scalar, ...]) -> Scalar:
     """Four roundings of every term of a sum."""
     size = reduce(plus, map(abs, terms))
-    return size if is_absent(size) else 4 * float(jnp.finfo(size.dtype).eps) * size
+    return size if is_zero(size) else 4 * float(jnp.finfo(size.dtype).eps) * size
 
 
 class ContactRates(NamedTuple):
@@ -191,7 +191,7 @@ def contact_rates(at: ContactKinematics, z: Motion, case: Case, reading: frozens
     The offset e moves with the corners' velocities, and the axes n, t turn with the face: A' = -theta_f'. Hence
     v' = e'.n - theta_f' u and u' = e'.t + theta_f' v.
     """
-    if isinstance(at.v, Formal):
+    if isinstance(at.v, Symbolic):
         return ContactRates(rate_of(at.v), rate_of(at.u), rate_of(at.height), rate_of(at.turn))
     (l_x, r_x), (l_y, r_y) = at.corner, at.corner_y
     w = z.v_theta

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxshroud.model.arithmetic import ABSENT, Scalar
+from jaxshroud.model.arithmetic import ZERO, Scalar
 from jaxshroud.model.blade import InverseMasses, LumpedBlade, lumped_blades
 from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.drive import Excitation, excitation
@@ -74,7 +74,7 @@ def prepared_model(scene: Scene) -> Model:
 
 def _mobility(scene: Scene) -> Mobility:
     b, has = scene.blades, scene.parts.has
-    of = lambda name, mass: tuple(1 / mass[i] if has(name, i) else ABSENT for i in (0, 1))
+    of = lambda name, mass: tuple(1 / mass[i] if has(name, i) else ZERO for i in (0, 1))
     share = b.I[0] / (b.I[0] + b.I[1]) if scene.parts.neighbour == "blade" else jnp.zeros_like(b.I[0])
     joint = b.I[1] * share if scene.parts.neighbour == "blade" else b.I[0]
     return Mobility(InverseMasses(of("x", b.m), of("y", b.inertia_y), of("theta", b.I)), share, joint)
@@ -87,10 +87,10 @@ def prepared_law(scene: Scene) -> ContactLaw:
         return NoContact()
     if scene.laws is not None:
         return UserContact(k, scene.friction.k_d, scene.laws)
-    haste = ABSENT if width is None else _free_speed(scene) / width
+    haste = ZERO if width is None else _free_speed(scene) / width
     friction = None if scene.parts.friction == "none" else _friction_element(k, scene)
     if width is not None:
-        return SmoothContact(k, *(friction or (ABSENT, ABSENT, ABSENT)), width, haste)
+        return SmoothContact(k, *(friction or (ZERO, ZERO, ZERO)), width, haste)
     return SpringContact(k) if friction is None else BilinearContact(k, *friction)
 
 

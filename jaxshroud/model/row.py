@@ -23,7 +23,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxshroud.model.arithmetic import ABSENT, is_absent
+from jaxshroud.model.arithmetic import ZERO, is_zero
 from jaxshroud.model.blade import AnyBlade, BladeForces, blades_of_row
 from jaxshroud.model.drive import Excitation, excitation
 from jaxshroud.model.geometry import rotation
@@ -129,8 +129,8 @@ def right_of_interfaces(a: Array, closed: bool) -> Array:
 
 def both_sides(tree: Any, closed: bool) -> Any:
     """A tree of numbers of blades as one of pairs at interfaces."""
-    sides = lambda a: (a, a) if is_absent(a) else (left_of_interfaces(a, closed), right_of_interfaces(a, closed))
-    return jax.tree.map(sides, tree, is_leaf=is_absent)
+    sides = lambda a: (a, a) if is_zero(a) else (left_of_interfaces(a, closed), right_of_interfaces(a, closed))
+    return jax.tree.map(sides, tree, is_leaf=is_zero)
 
 
 def sum_at_blades(on_left: Array, on_right: Array, closed: bool) -> Array:
@@ -149,9 +149,9 @@ def pair_states(state: State, model: RowModel) -> State:
 def blade_forces(effects: ContactEffects, model: RowModel) -> BladeForces:
     """The forces of contact on each blade."""
     load, total = effects.load, partial(sum_at_blades, closed=model.closed)
-    if is_absent(load.R_x):
-        return BladeForces(ABSENT, ABSENT, ABSENT)
-    M = total(*load.M) if model.turns else ABSENT
+    if is_zero(load.R_x):
+        return BladeForces(ZERO, ZERO, ZERO)
+    M = total(*load.M) if model.turns else ZERO
     return BladeForces(total(load.R_x, -load.R_x), total(load.R_y, -load.R_y), M)
 
 

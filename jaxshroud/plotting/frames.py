@@ -46,7 +46,7 @@ class Blocks(NamedTuple):
         return (a + b) / 2 + contact_point * (a - b) / np.linalg.norm(a - b)
 
 
-class Film(abc.ABC):
+class Animation(abc.ABC):
     """A figure that shows one frame after the other."""
 
     figure: Figure

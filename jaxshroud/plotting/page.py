@@ -14,10 +14,10 @@ from jaxshroud.io.scene_numbers import layout_in
 from jaxshroud.model.modes import Status
 from jaxshroud.plotting.style import (
     COLUMN_WIDTH,
-    DEFAULT_LOOK,
+    DEFAULT_APPEARANCE,
     LENGTHS,
     AnyFigure,
-    Look,
+    Appearance,
     PlotArray,
     Properties,
     fitting_title,
@@ -235,10 +235,10 @@ class ParameterAxis(NamedTuple):
     label: str
 
 
-def parameter_axis(coordinate: xr.DataArray, look: Look = DEFAULT_LOOK) -> ParameterAxis:
+def parameter_axis(coordinate: xr.DataArray, appearance: Appearance = DEFAULT_APPEARANCE) -> ParameterAxis:
     """The values of a number of the scene in the unit of pictures, with the label of their axis."""
     key = str(coordinate.attrs.get("key", coordinate.name))
-    label, factor = quantity(key, look, str(coordinate.attrs.get("units", "1")).removeprefix("1"))
+    label, factor = quantity(key, appearance, str(coordinate.attrs.get("units", "1")).removeprefix("1"))
     values = coordinate.to_numpy().astype(float) * factor
     return ParameterAxis(values, _cell_edges(values), label)
 
@@ -257,13 +257,13 @@ class AmplitudeUnit(NamedTuple):
     label: str
 
 
-def amplitude_unit(of: str, largest: float, look: Look, blade: int | None = 1) -> AmplitudeUnit:
-    """The unit for an amplitude such as "x_peak", by its largest value or as the look says; `blade` None: of all."""
+def amplitude_unit(of: str, largest: float, appearance: Appearance, blade: int | None = 1) -> AmplitudeUnit:
+    """The unit for an amplitude such as "x_peak", by its largest value or as the appearance says; `blade` None: of all."""
     name, kind = of.split("_")
     subscript = "" if blade is None else f"_{blade}"
     label = f"{AMPLITUDE_KINDS[kind]} ${DISPLACEMENT_SYMBOLS[name]}{subscript}$"
     if name == "theta":
         return AmplitudeUnit(180 / np.pi, f"{label} [°]")
-    unit = look.unit if look.unit in LENGTHS else "mm" if largest >= 1e-4 else "um"
+    unit = appearance.unit if appearance.unit in LENGTHS else "mm" if largest >= 1e-4 else "um"
     text, factor = LENGTHS[unit]
     return AmplitudeUnit(factor, f"{label} [{text}]")

@@ -24,7 +24,7 @@ from jaxshroud.plotting.style import (
     SKY,
     TIGHT_LEGEND,
     AnyFigure,
-    Look,
+    Appearance,
     PlotArray,
     Properties,
     fitting_title,
@@ -36,12 +36,12 @@ from jaxshroud.scene.checks import InputError
 from jaxshroud.signals.effects import exponent_text, with_interval
 
 
-def power_page(data: Summary, look: Look) -> Page[Summary]:
+def power_page(data: Summary, appearance: Appearance) -> Page[Summary]:
     """P_d over the number of averaged periods (Fig. 15).
 
     Args:
         data: `n`, `P_d` and `P_d_ci` (lists, with None for missing numbers), `final` and `title`.
-        look: The appearance asked for.
+        appearance: The appearance asked for.
     """
     title = fitting_title(str(data.get("title", "")), [AVERAGED_PERIODS], ["P_d"])
     nothing = "" if np.isfinite(_curve(data)[1]).any() else "no period was finished"
@@ -141,12 +141,12 @@ class DiagnosisData(NamedTuple):
     run: RunData | None
 
 
-def diagnosis_page(diagnosis: DiagnosisResult, look: Look) -> Page[DiagnosisData]:
+def diagnosis_page(diagnosis: DiagnosisResult, appearance: Appearance) -> Page[DiagnosisData]:
     """Motion, contact, P_d, energy, stability and a summary, without the panels that the model has no data for."""
     content = DiagnosisData(diagnosis, run_data(diagnosis.data, 0.0))
     known = ROW_DIAGNOSIS_PANELS if "interface" in diagnosis.data.dims else DIAGNOSIS_PANELS
     panels = [panel for panel in known if _is_shown(panel.name, content)]
-    if look.inches(DIAGNOSIS_WIDTH) < LEAST_PAGE:
+    if appearance.inches(DIAGNOSIS_WIDTH) < LEAST_PAGE:
         columns, panels = 2, [panel._replace(columns=NARROW_COLUMNS_OF.get(panel.name, 1)) for panel in panels]
     else:
         columns = 3

@@ -13,7 +13,7 @@ from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
 
 from jaxshroud.model.modes import Mode
-from jaxshroud.plotting.frames import FRAME_MARGIN, Blocks, Film
+from jaxshroud.plotting.frames import FRAME_MARGIN, Animation, Blocks
 from jaxshroud.plotting.plot_run import MODE_STYLES, TIME_LABEL
 from jaxshroud.plotting.style import DARK, INK, PER_MICRO, TIGHT_LEGEND, PlotArray, Properties, new_figure
 
@@ -63,7 +63,7 @@ OF_CHAIN = Writing(
 )
 
 
-class RowFilm(Film):
+class RowAnimation(Animation):
     """The blocks of a row at one instant after the other, coloured by x, with a mark wherever two touch.
 
     A ring is rolled up by the conformal map that takes the row's x around a circle and its y outwards: it keeps angles,

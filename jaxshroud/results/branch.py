@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from jaxshroud.model.prepared import State
     from jaxshroud.orbits.branch_continuation import ContinuedBranch
     from jaxshroud.orbits.travelling_wave import TravellingWave
-    from jaxshroud.plotting.style import LookOptions
+    from jaxshroud.plotting.style import AppearanceOptions
     from jaxshroud.results.sweep import SweepResult
 
 BRANCH_NUMBERS = ("q", "P", "P_d", "P_d_vibration", "multipliers", "residual", "conditioning", "status")
@@ -241,7 +241,7 @@ class Branch(WithAmplitudes, Result):
         *,
         panel: str | None = None,
         over: "SweepResult | None" = None,
-        **options: "Unpack[LookOptions]",
+        **options: "Unpack[AppearanceOptions]",
     ) -> "Figure":
         """x_1 at the strobe and P_d against the number, with unstable orbits dashed and special points marked.
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from jaxshroud.model.prepared import State
     from jaxshroud.orbits.lyapunov import Exponents
-    from jaxshroud.plotting.style import LookOptions
+    from jaxshroud.plotting.style import AppearanceOptions
 
 EXPONENTS = "Lyapunov exponents per drive period; -inf: forgotten altogether, NaN: not resolved"
 NO_INTERVAL = "half width of the 95 % interval; NaN where there is none"
@@ -221,7 +221,7 @@ class Diagnosis(Trajectory):
         panel: str | None = None,
         kind: str | None = None,
         settled_from: float = 0.5,
-        **options: "Unpack[LookOptions]",
+        **options: "Unpack[AppearanceOptions]",
     ) -> "Figure":
         """The diagnosis as one page, or a picture of the run.
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from jaxshroud.orbits.peaks import Peak
-    from jaxshroud.plotting.style import LookOptions
+    from jaxshroud.plotting.style import AppearanceOptions
 
 
 class Member(NamedTuple):
@@ -177,7 +177,9 @@ class Response(Result):
         return json_values({**numbers, "jumps": self.jumps, "status": self.ended, **self.source})
 
     @typed
-    def plot(self, ax: "Axes | None" = None, *, panel: str | None = None, **options: "Unpack[LookOptions]") -> "Figure":
+    def plot(
+        self, ax: "Axes | None" = None, *, panel: str | None = None, **options: "Unpack[AppearanceOptions]"
+    ) -> "Figure":
         """The amplitude over the number: sweeps as points, branches as lines, the free response dotted, and P_d.
 
         Broken waves of rings are in another colour, with a mark where they begin.

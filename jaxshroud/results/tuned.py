@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from jaxshroud.plotting.style import LookOptions
+    from jaxshroud.plotting.style import AppearanceOptions
 
 PENALTY = 100.0  # percentage points for exceeding a limit by its own size
 PATHS = ("update", "start")
@@ -307,7 +307,7 @@ class Tuned(Result):
         *,
         panel: str | None = None,
         drawn: Mapping[str, object] | None = None,
-        **options: "Unpack[LookOptions]",
+        **options: "Unpack[AppearanceOptions]",
     ) -> "Figure":
         """The paths of the search on the map of the objective, or key by key without a map, and their scores.
 

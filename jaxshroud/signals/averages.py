@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from jaxshroud.batch.periods import LANES_PER_CALL, Sample
 from jaxshroud.batch.threads import in_chunks
 from jaxshroud.cache.programs import kept
-from jaxshroud.march.tally import ContactTimes, displacements_of
+from jaxshroud.march.accumulator import ContactTimes, displacements_of
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import corners, gyration_of_sides
 from jaxshroud.model.linear import area, free_power, free_reach, power_reduction, steady_amplitudes

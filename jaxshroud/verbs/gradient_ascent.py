@@ -60,7 +60,7 @@ class Paths(NamedTuple):
     exact: np.ndarray  # (updates + 1, starts) whether the slopes were exact
 
 
-def climb_paths(problem: Problem, u: np.ndarray, judged: DesignJudgement, updates: int, tick: Tick) -> Paths:
+def ascent_paths(problem: Problem, u: np.ndarray, judged: DesignJudgement, updates: int, tick: Tick) -> Paths:
     """Paths from all starts `u` (starts, keys) by Adam; steps without a gain are undone and shortened."""
     import optax
 

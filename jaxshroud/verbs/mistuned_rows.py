@@ -1,7 +1,7 @@
 """How rows with patterns of mistuning respond, and the search for the worst pattern.
 
 Linear rows respond in closed form, others by sweeps. The worst pattern is searched by gradient ascent, beside a random
-search at equal cost, among those whose root mean square deviation is at most sigma. A path climbs the amplitude of the
+search at equal cost, among those whose root mean square deviation is at most sigma. A path ascends the amplitude of the
 blade, at the value and in the direction, where its row's is largest: the largest of maxima is the maximum of the
 largest.
 """
@@ -92,7 +92,7 @@ def on_sphere(patterns: FloatArray, sigma: float) -> FloatArray:
 def search_worst_pattern(
     problem: PatternProblem, blades: int, sigma: float, size: SearchSize, seed: int
 ) -> PatternSearch:
-    """Climb from the best of some random patterns, and draw as many further ones as that has cost.
+    """Ascend from the best of some random patterns, and draw as many further ones as that has cost.
 
     Args:
         problem: The rows.
@@ -104,7 +104,7 @@ def search_worst_pattern(
     scanned = on_sphere(random_patterns(size.scan, blades, seed), sigma)
     levels = problem.largest(scanned).amplitude
     best = np.argsort(-levels, kind="stable")[: size.starts]
-    patterns, cost, found = _climb(problem, scanned[best], sigma, size)
+    patterns, cost, found = _ascend(problem, scanned[best], sigma, size)
     top = int(np.nanargmax(found[-1]))
     by_gradient = np.maximum.accumulate(np.max(found, axis=1))
     count = math.ceil(cost[-1] / problem.cost)
@@ -117,7 +117,7 @@ def search_worst_pattern(
     return PatternSearch(chosen, problem.respond(chosen[None]), cost, by_gradient, so_far[affordable - 1])
 
 
-def _climb(
+def _ascend(
     problem: PatternProblem, patterns: FloatArray, sigma: float, size: SearchSize
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The ends of paths (starts, N), the cost after each update, and the amplitudes of the paths (updates + 1, starts).

@@ -17,8 +17,8 @@ from jaxshroud.batch.stepped_runs import in_float64
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.batch.zeno import zeno_warning
 from jaxshroud.io.scene_numbers import dimension
+from jaxshroud.march.accumulator import ContactTimes
 from jaxshroud.march.stability import steps_for
-from jaxshroud.march.tally import ContactTimes
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State

@@ -1,6 +1,6 @@
 """Design: the numbers of a scene that reduce the vibration most, over a range of operating conditions.
 
-A coarse scan chooses starts; from each of them Adam climbs in variables scaled to the unit cube, see `climb_paths`.
+A coarse scan chooses starts; from each of them Adam ascends in variables scaled to the unit cube, see `ascent_paths`.
 """
 
 import json
@@ -38,8 +38,8 @@ from jaxshroud.verbs.gradient_ascent import (
     POLISH_WIDTHS,
     SAME_START_CHECKS,
     SearchOptions,
+    ascent_paths,
     checks_agree,
-    climb_paths,
     polish_design,
     verify_design,
 )
@@ -171,22 +171,22 @@ def _most_lanes(problem: Problem, counts: tuple[int, int, int]) -> int:
     """
     (scan, n_starts, updates), size = counts, len(problem.over)
     check_size(max(scan, n_starts * (1 + 3 * size)) * problem.runs, 4 * problem.plan.transient, 4 * problem.plan.kept)
-    climbs = min(n_starts, scan) * (updates + 1) * (1 + 3 * size)
+    ascents = min(n_starts, scan) * (updates + 1) * (1 + 3 * size)
     rounds = len(POLISH_WIDTHS) * POLISH_SAMPLES * size
-    return problem.runs * (scan + climbs + rounds + 1)
+    return problem.runs * (scan + ascents + rounds + 1)
 
 
 def _search(
     problem: Problem, counts: tuple[int, int, int], seed: int, robust_request: RobustnessRequest | None, ticker: Ticker
 ) -> Tuned:
-    """Scan, climb, sample around the best design, and simulate the winner again."""
+    """Scan, ascend, sample around the best design, and simulate the winner again."""
     from scipy.stats import qmc
 
     (scan, n_starts, updates), size = counts, len(problem.over)
     cube = qmc.Sobol(size, rng=np.random.default_rng(seed)).random_base2(int(np.ceil(np.log2(scan))))[:scan]
     scanned = judge_designs(problem, problem.values(cube), ticker)
     best_first = np.argsort(-scanned.score, kind="stable")[:n_starts]
-    paths = climb_paths(problem, cube[best_first], DesignJudgement(*(a[best_first] for a in scanned)), updates, ticker)
+    paths = ascent_paths(problem, cube[best_first], DesignJudgement(*(a[best_first] for a in scanned)), updates, ticker)
     best_path = int(np.argmax(paths.scores[-1]))
     random = np.random.default_rng(seed)
     end, score = paths.points[-1, best_path], paths.scores[-1, best_path]

@@ -18,7 +18,7 @@ import pytest
 from jaxshroud.cache import key as keys
 from jaxshroud.cache import programs as module
 from jaxshroud.cache import store as store_module
-from jaxshroud.cache.programs import Ahead, keep_list, keep_programs, kept, load_ahead, program_store, stop_ahead
+from jaxshroud.cache.programs import Prefetch, keep_list, keep_programs, kept, prefetch, program_store, stop_prefetch
 
 X = np.linspace(0.0, 1.0, 5)
 
@@ -288,56 +288,56 @@ def test_a_program_that_cannot_run_is_compiled_anew(folder, caplog, monkeypatch)
 
 def loaded_on_threads(monkeypatch):
     """The threads on which entries are loaded from now on, by the names of the entries."""
-    threads, load = {}, module._ahead.load
+    threads, load = {}, module._prefetcher.load
 
     def told(name):
         threads[name] = threading.current_thread()
         return load(name)
 
-    monkeypatch.setattr(module._ahead, "load", told)
+    monkeypatch.setattr(module._prefetcher, "load", told)
     return threads
 
 
 def test_a_command_loads_what_it_used_last_time_on_a_thread(folder, monkeypatch):
-    monkeypatch.setattr(module._ahead, "used", {})
-    load_ahead("example one")
+    monkeypatch.setattr(module._prefetcher, "used", {})
+    prefetch("example one")
     first = new_process()(X)
     keep_list()
-    stop_ahead()
-    (entry,) = (path for path in entries(folder) if path.stem in module._ahead.used)
+    stop_prefetch()
+    (entry,) = (path for path in entries(folder) if path.stem in module._prefetcher.used)
     threads = loaded_on_threads(monkeypatch)
     for command, ahead in {"example two": False, "example one": True}.items():
-        load_ahead(command)
+        prefetch(command)
         for thread in threading.enumerate():
-            if thread is not threading.main_thread() and getattr(thread, "_target", None) == module._ahead._run:
+            if thread is not threading.main_thread() and getattr(thread, "_target", None) == module._prefetcher._run:
                 thread.join()
         np.testing.assert_array_equal(new_process(jnp.cos)(X), first)  # loaded, and not traced
         assert (threads[entry.stem] is not threading.main_thread()) is ahead
-        stop_ahead()
+        stop_prefetch()
 
 
 def test_a_list_of_programs_that_are_gone_or_damaged_does_no_harm(folder, caplog):
-    load_ahead("example")
+    prefetch("example")
     first = new_process()(X)
     keep_list()
-    stop_ahead()
+    stop_prefetch()
     for entry in entries(folder):
-        if entry.stem in module._ahead.used:
+        if entry.stem in module._prefetcher.used:
             entry.unlink()
-    load_ahead("example")
+    prefetch("example")
     np.testing.assert_array_equal(new_process()(X), first)
-    stop_ahead()
+    stop_prefetch()
     for entry in entries(folder):
         entry.write_bytes(entry.read_bytes()[:-1])  # the list too
     with caplog.at_level(logging.WARNING):
-        load_ahead("example")
+        prefetch("example")
         np.testing.assert_array_equal(new_process()(X), first)
-        stop_ahead()
+        stop_prefetch()
     assert "compiled anew" in caplog.text
 
 
 def test_what_fails_on_the_thread_fails_where_it_is_asked_for():
-    ahead = Ahead(lambda name: 1 / int(name))
+    ahead = Prefetch(lambda name: 1 / int(name))
     ahead.start(["0", "2"])
     with pytest.raises(ZeroDivisionError):
         ahead.take("0")

@@ -1,4 +1,4 @@
-"""The tally of a lane: the integrals of its motion, its counts of events and the extremes of its motion so far."""
+"""The accumulator of a lane: the integrals of its motion, its counts of events and the extremes of its motion so far."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -10,14 +10,14 @@ from jaxtyping import Array, Float, Int
 
 from jaxshroud.march.events import HEIGHT, LIFT, RUB, TURN, happens, model_events
 from jaxshroud.march.observable import Ending
-from jaxshroud.model.arithmetic import ABSENT, Absent, Scalar, is_absent
+from jaxshroud.model.arithmetic import ZERO, Scalar, Zero, is_zero
 from jaxshroud.model.geometry import is_upper
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model
 from jaxshroud.model.rhs import Displacements, Integrals, Means, position_at
 from jaxshroud.scene.keys import Motion
 
-EventCount = Int[Array, ""] | Absent
+EventCount = Int[Array, ""] | Zero
 
 
 class Counters(eqx.Module):
@@ -62,13 +62,13 @@ def count_event(counters: Counters, ending: Ending) -> Counters:
         grazing=onset & inside,
     )
     counts = ((name, getattr(counters, name), now) for name, now in occurred.items())
-    return Counters(**{name: n + (now & fired).astype(jnp.int32) if not is_absent(n) else n for name, n, now in counts})
+    return Counters(**{name: n + (now & fired).astype(jnp.int32) if not is_zero(n) else n for name, n, now in counts})
 
 
 def no_events(model: Model, zero: Int[Array, "..."]) -> Counters:
     """The counters of the events that a model has, at `zero`."""
     counted = {name for event in model_events(model) for name in event.counters}
-    return Counters(**{name: zero if name in counted else ABSENT for name in Counters.__annotations__})
+    return Counters(**{name: zero if name in counted else ZERO for name in Counters.__annotations__})
 
 
 class ContactTimes(NamedTuple):
@@ -163,7 +163,7 @@ def no_margins(like: Float[Array, "..."]) -> EventMargins:
     return EventMargins(jnp.zeros(like.shape, jnp.int32), *[jnp.full_like(like, jnp.inf)] * 2)
 
 
-class Tally(NamedTuple):
+class Accumulator(NamedTuple):
     """The integrals and the log of a lane, or of a row, so far."""
 
     integrals: Integrals
@@ -171,8 +171,8 @@ class Tally(NamedTuple):
     log: Log | None  # None where derivatives are computed
     margins: EventMargins | None = None  # None unless they were requested
 
-    def plus(self, gain: Integrals, jumps: EnergyJumps | None) -> "Tally":
-        """The tally with the integrals and the jumps of a trial added."""
+    def plus(self, gain: Integrals, jumps: EnergyJumps | None) -> "Accumulator":
+        """The accumulator with the integrals and the jumps of a trial added."""
         return self._replace(
             integrals=jax.tree.map(jnp.add, self.integrals, gain),
             jumps=None if self.jumps is None else jax.tree.map(jnp.add, self.jumps, jumps),
@@ -189,11 +189,11 @@ def half_position(at: Means) -> Means:
     return jax.tree.map(lambda a: a / 2, at)
 
 
-def mean_position(tally: Tally, end: Motion, period: Any, steps: Any, at: Callable[[Motion], Means]) -> Any:
-    """The mean of the position over a drive period, from the tally of that period alone; None where it is not kept.
+def mean_position(accumulator: Accumulator, end: Motion, period: Any, steps: Any, at: Callable[[Motion], Means]) -> Any:
+    """The mean of the position over a drive period, from the accumulator of that period alone; None where it is not kept.
 
     Args:
-        tally: That of a lane or of a row.
+        accumulator: That of a lane or of a row.
         end: The motion at the end of the period.
         period: Its length [s].
         steps: The number of steps in it, of equal length.
@@ -203,9 +203,9 @@ def mean_position(tally: Tally, end: Motion, period: Any, steps: Any, at: Callab
         The trapezoidal rule, which on a whole orbit is as accurate as the motion is smooth: what is left stems from the
         instants at which the third derivative jumps, by at most 1/720 of the jump times the fourth power of the step.
     """
-    sums = None if tally.log is None else tally.log.positions
+    sums = None if accumulator.log is None else accumulator.log.positions
     if sums is None:
-        return jax.tree.map(lambda a: a / jax.lax.broadcast_to_rank(period, a.ndim), tally.integrals.means)
+        return jax.tree.map(lambda a: a / jax.lax.broadcast_to_rank(period, a.ndim), accumulator.integrals.means)
     return jax.tree.map(lambda total, half: (total - half) / steps, sums, half_position(at(end)))
 
 

@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from referee import complaints
-from test_animation import film, still
+from test_animation import animation, still
 from test_plot import drawn, gamma_sweep, grid_sweep, power
 from test_plot_branch import around, branch_of
 from test_plot_contact import run
@@ -126,25 +126,29 @@ def two_rows():
 
 PICTURES = {
     **{
-        f"run {kind}": (lambda kind=kind, **look: picture("trajectory", two_rows(), kind=kind, **look))
+        f"run {kind}": (lambda kind=kind, **appearance: picture("trajectory", two_rows(), kind=kind, **appearance))
         for kind in RUN_PAGES
     },
-    "sweep": lambda **look: picture(
-        "sweep", gamma_sweep(60, failed=[(3, 3), (40, 1)]).assign_attrs(title=LONG), **look
+    "sweep": lambda **appearance: picture(
+        "sweep", gamma_sweep(60, failed=[(3, 3), (40, 1)]).assign_attrs(title=LONG), **appearance
     ),
-    "map": lambda **look: picture("sweep", grid_sweep(8, failed=[((2, 3), 3)]).assign_attrs(title=LONG), **look),
-    "power": lambda **look: picture("power", power() | {"title": "Fig. 15: P_d over n"}, **look),
-    "branch": lambda **look: picture("branch", branch(), **look),
-    "attractors": lambda **look: picture("attractors", attractors((0.5, 0.3, 0.2)), **look),
-    "basins": lambda **look: picture("basins", basins(), **look),
-    "diagnosis": lambda **look: picture("diagnosis", diagnosis(), **look),
-    "trade": lambda **look: picture("trade", trade(), **look),
-    "tuned": lambda **look: picture("tuned", tuning(map=GRID, robust=robust()), **look),
-    "tuned keys": lambda **look: picture("tuned", tuning(), **look),
-    "robustness": lambda **look: picture("robustness", tuning(robust=robust()), **look),
-    "scatter": lambda **look: picture("scatter", scattered([-0.1, 0.8], [0.2, 1.2]), **look),
-    "mistuned": lambda **look: picture("mistuned", mistuned(0.8, searched=True).assign_attrs(title=LONG), **look),
-    "mistuned little": lambda **look: picture("mistuned", mistuned(0.05).assign_attrs(title=LONG), **look),
+    "map": lambda **appearance: picture(
+        "sweep", grid_sweep(8, failed=[((2, 3), 3)]).assign_attrs(title=LONG), **appearance
+    ),
+    "power": lambda **appearance: picture("power", power() | {"title": "Fig. 15: P_d over n"}, **appearance),
+    "branch": lambda **appearance: picture("branch", branch(), **appearance),
+    "attractors": lambda **appearance: picture("attractors", attractors((0.5, 0.3, 0.2)), **appearance),
+    "basins": lambda **appearance: picture("basins", basins(), **appearance),
+    "diagnosis": lambda **appearance: picture("diagnosis", diagnosis(), **appearance),
+    "trade": lambda **appearance: picture("trade", trade(), **appearance),
+    "tuned": lambda **appearance: picture("tuned", tuning(map=GRID, robust=robust()), **appearance),
+    "tuned keys": lambda **appearance: picture("tuned", tuning(), **appearance),
+    "robustness": lambda **appearance: picture("robustness", tuning(robust=robust()), **appearance),
+    "scatter": lambda **appearance: picture("scatter", scattered([-0.1, 0.8], [0.2, 1.2]), **appearance),
+    "mistuned": lambda **appearance: picture(
+        "mistuned", mistuned(0.8, searched=True).assign_attrs(title=LONG), **appearance
+    ),
+    "mistuned little": lambda **appearance: picture("mistuned", mistuned(0.05).assign_attrs(title=LONG), **appearance),
 }
 
 
@@ -260,7 +264,7 @@ def test_no_cell_of_a_robust_tuning_is_empty():
 
 
 def test_an_animation_is_not_mostly_white():
-    shown = film(still(), 1.0)
+    shown = animation(still(), 1.0)
     shown.fix_layout()
     shown.show(15)
     shown.figure.canvas.draw()
@@ -274,7 +278,7 @@ def test_an_animation_is_not_mostly_white():
 
 
 def test_nothing_that_moves_leaves_the_frame():
-    shown = film(still(), 5.0)
+    shown = animation(still(), 5.0)
     shown.fix_layout()
     (left, right), (low, high) = shown.figure.axes[0].get_xlim(), shown.figure.axes[0].get_ylim()
     for i in range(shown.frames.sizes["time"]):
