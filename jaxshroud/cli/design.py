@@ -36,6 +36,7 @@ from jaxshroud.verbs.report import report_request, varied_by
 from jaxshroud.verbs.report_sections import MM_PER_M, Limits
 from jaxshroud.verbs.robust import robustness_request
 from jaxshroud.verbs.scattering import scatter_bounds, scattering_of
+from jaxshroud.verbs.tune import objective_map
 
 MAP_SIDE = 24  # values of each of two keys in the map behind the paths
 MAP_COARSENING = 2  # of the map where numbers scatter: each of its designs takes all draws
@@ -91,7 +92,7 @@ def _objective_map(tuned: Tuned, side: int) -> dict[str, np.ndarray] | None:
     if len(tuned.keys) != 2 or not side:
         return None
     with progress_bar("objective map"):
-        return jaxshroud.objective_map(tuned, side)
+        return objective_map(tuned, side)
 
 
 def _overrides_of(tuned: Tuned) -> list[str]:

@@ -1,4 +1,4 @@
-"""The accumulator of a lane: the integrals of its motion, its counts of events and the extremes of its motion so far."""
+"""The accumulator of a lane: the integrals of its motion, its counts of events and its extremes so far."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -190,7 +190,7 @@ def half_position(at: Means) -> Means:
 
 
 def mean_position(accumulator: Accumulator, end: Motion, period: Any, steps: Any, at: Callable[[Motion], Means]) -> Any:
-    """The mean of the position over a drive period, from the accumulator of that period alone; None where it is not kept.
+    """The mean of the position over a drive period, from the accumulator of that period; None where it is not kept.
 
     Args:
         accumulator: That of a lane or of a row.

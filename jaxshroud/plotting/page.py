@@ -258,7 +258,7 @@ class AmplitudeUnit(NamedTuple):
 
 
 def amplitude_unit(of: str, largest: float, appearance: Appearance, blade: int | None = 1) -> AmplitudeUnit:
-    """The unit for an amplitude such as "x_peak", by its largest value or as the appearance says; `blade` None: of all."""
+    """The unit for an amplitude such as "x_peak", by its largest value or as was asked; `blade` None: of all."""
     name, kind = of.split("_")
     subscript = "" if blade is None else f"_{blade}"
     label = f"{AMPLITUDE_KINDS[kind]} ${DISPLACEMENT_SYMBOLS[name]}{subscript}$"

@@ -41,9 +41,7 @@ NARROWEST, WIDENING = 0.8, 0.7  # width of the line of the last orbit, and what 
 CHAOS_WIDTH = 0.4  # of the line of an aperiodic attractor, which crosses itself
 SMALLEST, GROWTH = 3.0, 1.8  # size of the mark of the last attractor, and what each earlier one is larger [pt]
 STROBE_STYLE: Properties = {"marker": "o", "ls": "", "mec": "white", "mew": 0.5, "ms": SMALLEST}
-ATTRACTOR_STYLES = list(
-    zip((BLUE, ORANGE, GREEN, PINK, RED, SKY), "osD^vP", strict=True)
-)  # of the most frequent motions
+ATTRACTOR_STYLES = list(zip((BLUE, ORANGE, GREEN, PINK, RED, SKY), "osD^vP", strict=True))  # the most frequent first
 SHARE_LIMITS = -0.04, 1.04  # a mark at 0 or 1 is whole
 MOST_FREE = 2.0  # times the largest amplitude: larger ones without contact would hide the differences
 

@@ -105,14 +105,14 @@ def _draw_bound(panel: Axes, bound: float, highest: float, low: float) -> float:
         words, top = f"{words},\nbeyond this axis", low + ROOM_FOR_WORDS * max(highest - low, 1e-3)
     else:
         panel.axhline(bound, **BOUND_STYLE)
-    appearance: Properties = {
+    note: Properties = {
         "xytext": (-3, -2),
         "textcoords": "offset points",
         "ha": "right",
         "va": "top",
         "fontsize": 6.5,
     }
-    panel.annotate(words, (1, top), xycoords=("axes fraction", "data"), **appearance)
+    panel.annotate(words, (1, top), xycoords=("axes fraction", "data"), **note)
     return top
 
 

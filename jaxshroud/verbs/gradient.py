@@ -211,7 +211,7 @@ def differences(found: Orbit, wrt: Sequence[str], step: float, of: Quantity = "P
         >>> scene = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40"]).scene
         >>> found = js.orbit(scene, method=js.RungeKutta(steps=100))
         >>> exact = js.gradient(scene, ["shroud.gap"], orbit=found).value["shroud.gap"]
-        >>> abs(js.differences(found, ["shroud.gap"], 1e-4)["shroud.gap"] / exact - 1) < 1e-6
+        >>> abs(differences(found, ["shroud.gap"], 1e-4)["shroud.gap"] / exact - 1) < 1e-6
         True
     """
     positive_argument("step", step)

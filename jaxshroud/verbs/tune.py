@@ -289,7 +289,7 @@ def objective_map(tuned: Tuned, n: int) -> dict[str, np.ndarray]:
         >>> scene = js.load("table1", ['parts.motion=["x"]', "drive.M_0=10"]).scene
         >>> small = dict(search=js.SearchOptions(4, 1, 1), n_periods=2, transient=2, method=js.RungeKutta(steps=100))
         >>> found = js.tune(scene, {"shroud.gap": (2e-5, 4e-5), "contact.gamma": (1, 2)}, **small)
-        >>> js.objective_map(found, 3)["objective"].shape
+        >>> objective_map(found, 3)["objective"].shape
         (3, 3)
     """
     if len(tuned.keys) != 2:

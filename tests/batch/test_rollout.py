@@ -14,6 +14,7 @@ from quotients import quotients
 from side_by_side import with_parts
 
 import jaxshroud as js
+from jaxshroud.batch.xla import FOR_SERIES
 from jaxshroud.march import rk_trial
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import initial_state, prepared_model
@@ -269,7 +270,7 @@ def test_a_rollout_by_power_series_is_differentiated(table1):
     _, slope = jax.jvp(power, (gap,), (1.0,))
     # The difference errs by the tolerance times the power over h, 2e-7 of a slope of 5e-4, and by h^2.
     assert float(slope) == pytest.approx(float(power(gap + h) - power(gap - h)) / (2 * h), rel=5e-3)
-    inside = jax.jit(lambda gap: jax.jvp(power, (gap,), (1.0,))[1], compiler_options=js.FOR_SERIES)
+    inside = jax.jit(lambda gap: jax.jvp(power, (gap,), (1.0,))[1], compiler_options=FOR_SERIES)
     assert float(inside(gap)) == pytest.approx(float(slope), rel=1e-9)
 
 

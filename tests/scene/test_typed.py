@@ -13,6 +13,8 @@ import jaxshroud as js
 from jaxshroud.march.method import Choices, Method
 from jaxshroud.march.stability import steps_for
 from jaxshroud.march.tableau import TaylorOptions
+from jaxshroud.model.linear import free_power
+from jaxshroud.orbits.verdict_evidence import zero_one
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import type_check
 
@@ -79,8 +81,8 @@ def test_each_kind_of_argument_is_held(scene, argument, wrong, told):
         (lambda: js.periodicity(["a"]), "Argument `x` must be numbers, but is ['a']."),
         (lambda: js.periodicity([True]), "Argument `x` must be numbers"),
         (lambda: js.periodicity(np.float64(3.0)), "Argument `x` must be numbers, at least one"),
-        (lambda: js.zero_one([]), "Argument `series` must be numbers"),
-        (lambda: js.zero_one(np.zeros((3, 60)), [1.0, 2.0]), "Argument `near` must be one number, or one of each"),
+        (lambda: zero_one([]), "Argument `series` must be numbers"),
+        (lambda: zero_one(np.zeros((3, 60)), [1.0, 2.0]), "Argument `near` must be one number, or one of each"),
         (lambda: js.amplitude_spectrum([], 8), "Argument `signal` must be numbers"),
         (lambda: js.amplitude_spectrum(np.zeros(16), "8"), "Argument `samples_per_period` must be a whole number or"),
         (lambda: js.Hertz(""), "Argument `k` of Hertz must be a number, but is ''."),
@@ -143,7 +145,7 @@ def test_kinds_hold_what_they_say(annotation, right, wrong):
 def test_what_is_traced_is_known_by_its_type(scene):
     move = jax.vmap(lambda b: js.vary(scene, "drive.beta", [b, 0.0]).drive.beta)
     assert move(jnp.ones(3)).shape == (3, 2)
-    assert jax.jit(lambda scene: js.free_power(scene))(scene).shape == (2,)
+    assert jax.jit(lambda scene: free_power(scene))(scene).shape == (2,)
 
 
 def test_what_is_missing_is_told_by_python():

@@ -30,7 +30,7 @@ from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import choices
-from jaxshroud.model.linear import area
+from jaxshroud.model.linear import area, free_power
 from jaxshroud.signals.averages import Reduction, reduction
 from jaxshroud.signals.statistics import confidence_interval
 from jaxshroud.verbs.power import FIRST_PERIODS, is_converged
@@ -161,9 +161,7 @@ def chaotic(gamma: float, moment: float, periods: int) -> np.ndarray:
     method = choices(js.RungeKutta("tsit5"))
     came = run_lanes(scenes, states, Plan(DISCARDED, periods, STEPS, 0.0, method), lambda _: None)
     assert not came.last.status.any()
-    return 100 * (
-        1 - float(area(scene.shroud)) * np.asarray(came.samples.power[..., 0]) / float(js.free_power(scene)[0])
-    )
+    return 100 * (1 - float(area(scene.shroud)) * np.asarray(came.samples.power[..., 0]) / float(free_power(scene)[0]))
 
 
 def of_the_model(periods: int) -> dict[str, Any]:

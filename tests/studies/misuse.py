@@ -30,7 +30,11 @@ from jaxtyping import ArrayLike
 
 import jaxshroud as js
 from jaxshroud.batch import xla
+from jaxshroud.model.linear import free_power
+from jaxshroud.orbits.verdict_evidence import zero_one
 from jaxshroud.scene.checks import Error
+from jaxshroud.verbs.gradient import differences
+from jaxshroud.verbs.tune import objective_map
 
 TOWER = BeartypeConf(is_pep484_tower=True)  # a whole number is a number
 Numbers = ArrayLike | Sequence[ArrayLike]
@@ -136,10 +140,10 @@ def functions() -> dict[str, Target]:
         "check": Target(js.check, {"scene": one}),
         "check_laws": Target(js.check_laws, {"scene": own}),
         "diagnose": Target(js.diagnose, {"scene": one, **steps}, True),
-        "differences": Target(js.differences, {"found": orbit, "wrt": ["shroud.gap"], "step": 1e-3}, True),
+        "differences": Target(differences, {"found": orbit, "wrt": ["shroud.gap"], "step": 1e-3}, True),
         "explain": Target(js.explain, {"scene": one}),
         "fit": Target(js.fit, {"scene": one, "measurements": measured, "over": ends, **steps}, True),
-        "free_power": Target(js.free_power, {"scene": one}),
+        "free_power": Target(free_power, {"scene": one}),
         "gradient": Target(js.gradient, {"scene": one, "wrt": ["shroud.gap"], **RUN}, True),
         "largest_frequency": Target(js.largest_frequency, {"scene": one}),
         "load": Target(js.load, {"source": "table1"}),
@@ -148,7 +152,7 @@ def functions() -> dict[str, Target]:
             js.mistune, {"scene": chain, "along": {"drive.omega": [1e3, 2e3]}, "linear": "stuck", "n_patterns": 2}
         ),
         "most_trials": Target(js.most_trials, {"scene": one, **steps}),
-        "objective_map": Target(js.objective_map, {"tuned": None, "n": 3}, True),
+        "objective_map": Target(objective_map, {"tuned": None, "n": 3}, True),
         "open": Target(js.open, {"path": "run.nc"}),
         "orbit": Target(js.orbit, {"scene": one, **steps}, True),
         "period_map": Target(js.period_map, {"scene": one, "state": state, **steps}),
@@ -176,7 +180,7 @@ def functions() -> dict[str, Target]:
         "value_of": Target(js.value_of, {"scene": one, "key": "shroud.gap"}),
         "vary": Target(js.vary, {"scene": one, "key": "shroud.gap", "value": 1e-5}),
         "with_laws": Target(js.with_laws, {"scene": one, "normal": js.Hertz(4e7)}),
-        "zero_one": Target(js.zero_one, {"series": axis, "near": 0.0}),
+        "zero_one": Target(zero_one, {"series": axis, "near": 0.0}),
     }
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 import jaxshroud as js
 from jaxshroud.march.method import Method
+from jaxshroud.model.linear import free_power
 
 Values = dict[str, np.ndarray]
 COUNTERS = (
@@ -456,7 +457,7 @@ def followed() -> Iterator[Run]:
 
     def differences(given: Given) -> Values:
         at = found(given.moved, "gamma 2.5", PLAIN)
-        slopes = js.differences(at, WRT[:3], 1e-4, "P_d")
+        slopes = differences(at, WRT[:3], 1e-4, "P_d")
         return {"value": np.array([[slopes[key]] for key in slopes])}
 
     yield Run("orbit", "followed", "derivative", next_one)
@@ -601,7 +602,7 @@ def analysed() -> Iterator[Run]:
                 import_module("jaxshroud.march.stability").steps_for(made, 0, "auto", js.tableau(name))
                 for name in TABLEAUS
             ]
-            P_0, omega_max = js.free_power(made), js.largest_frequency(made)
+            P_0, omega_max = free_power(made), js.largest_frequency(made)
             return {"P_0": rows(P_0), "omega_max": rows(omega_max), "steps": np.array(steps)}
 
         yield Run("analysis", f"free motion, {name}", "one period", free)

@@ -18,6 +18,7 @@ import jax
 import numpy as np
 
 import jaxshroud as js
+from jaxshroud.verbs.gradient import differences
 
 WRT = ("shroud.gap", "row.mistuning[1]", "friction.mu", "drive.omega", "contact.gamma[0]")
 STEPS = (1e-4, 1e-5)
@@ -51,7 +52,7 @@ def random_rows(structure: tuple[str, ...], rng: np.random.Generator) -> Iterato
 def errors_of(found: Any, of: str) -> dict[str, float]:
     """The least relative errors of the derivatives of `of` on an orbit, by numbers."""
     exact = js.gradient(found.scene, WRT, of=of, orbit=found).value
-    quotients = [js.differences(found, WRT, step, of) for step in STEPS]
+    quotients = [differences(found, WRT, step, of) for step in STEPS]
     return {key: float(np.fmin.reduce([_relative_error(exact[key], one[key]) for one in quotients])) for key in WRT}
 
 

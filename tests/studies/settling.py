@@ -30,7 +30,7 @@ from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import final_states, initial_states
 from jaxshroud.march.method import choices
-from jaxshroud.model.linear import area
+from jaxshroud.model.linear import area, free_power
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.signals.averages import displacements, half_diagonal, period_maxima, reduction
 from jaxshroud.signals.period import closing_tolerances, repetition
@@ -92,7 +92,7 @@ def runs(seed: int, lightest: float, heaviest: float, n: int) -> list[Run]:
                 cut = slice(max(begin - at, 0), max(end - at, 0))
                 parts.append(Stretch(*(a[i, cut] for a in all_lanes)))
     whole = [[Stretch(*(np.concatenate(a) for a in zip(*parts, strict=True))) for parts in pair] for pair in found]
-    P_0 = np.asarray(jax.vmap(js.free_power)(scenes)) / float(area(base.shroud))  # like the mean squares
+    P_0 = np.asarray(jax.vmap(free_power)(scenes)) / float(area(base.shroud))  # like the mean squares
     later, lever = LONGER * last - TAIL - first, float(half_diagonal(base.shroud))
     rest = zip(values, last / decay, status.tolist(), whole, later, P_0, strict=True)
     return [Run(v, t, s, *pair, int(gap), free, lever) for v, t, s, pair, gap, free in rest]

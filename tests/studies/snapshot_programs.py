@@ -23,6 +23,7 @@ import numpy as np
 
 import jaxshroud as js
 from jaxshroud.cache.programs import keep_programs
+from jaxshroud.model.linear import free_power
 
 GAP, OMEGA = 22e-6, 536.0  # [m], [rad/s]
 STEPS = 400
@@ -122,8 +123,8 @@ def of_lanes() -> dict[str, Callable[[], tuple[Any, ...]]]:
         "lanes of pairs, series": lambda: swept(pair(X), SERIES),
         "lanes of pairs, rk4, tangent": lambda: pushed(*swept(pair(), RK4)),
         "lanes of rows, rk4": lambda: swept(row(), RK4),
-        "power without contact, pair": lambda: (lambda omega: js.free_power(driven(pair(), omega)), OMEGA),
-        "power without contact, row": lambda: (lambda omega: js.free_power(driven(row(), omega)), OMEGA),
+        "power without contact, pair": lambda: (lambda omega: free_power(driven(pair(), omega)), OMEGA),
+        "power without contact, row": lambda: (lambda omega: free_power(driven(row(), omega)), OMEGA),
     }
 
 

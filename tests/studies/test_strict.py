@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
+from jaxshroud.model.linear import free_power
 from jaxshroud.model.prepared import initial_state
 
 QUICK = ("free_power", "largest_frequency", "check", "explain", "method_for", "most_trials", "check_laws")
@@ -82,7 +83,7 @@ def test_the_check_of_a_step_promotes_no_ranks():
     scene = js.load("table1").scene
     with jax.numpy_rank_promotion("raise"), jax.debug_nans(True):
         assert js.largest_frequency(scene) > 0
-        assert np.all(js.free_power(scene) > 0)
+        assert np.all(free_power(scene) > 0)
 
 
 @pytest.fixture(scope="module")

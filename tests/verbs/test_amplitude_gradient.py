@@ -15,6 +15,7 @@ from jaxshroud.orbits.batched_algorithms import stacked
 from jaxshroud.orbits.gradient import smoothed_gradient, with_numbers
 from jaxshroud.signals.amplitudes import free_level
 from jaxshroud.verbs.design_problem import judge_designs, problem_of
+from jaxshroud.verbs.gradient import differences
 from jaxshroud.verbs.gradient_ascent import exact_slopes
 from jaxshroud.verbs.tune import problem_from_result
 
@@ -48,7 +49,7 @@ def slopes(found, of, keys=KEYS):
 
 def error(found, of, value):
     """The largest relative difference from differences of the march's own amplitudes on the orbits of nearby scenes."""
-    quotient = js.differences(found, list(value), 1e-4, of)
+    quotient = differences(found, list(value), 1e-4, of)
     return max(abs(quotient[key] / slope - 1) for key, slope in value.items())
 
 

@@ -7,6 +7,7 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
+from jaxshroud.results.data_sheet import Campbell
 from jaxshroud.scene.config import parse
 
 SMALL = ["blades.I=2.46e-5", "blades.c_T=0.01", "drive.M_0=0.1"]
@@ -219,7 +220,7 @@ def test_the_command_writes_the_sheet_and_its_picture(tmp_path, capsys):
     assert [mode["contact"] for mode in written["modes"][:3]] == ["apart"] * 3
     assert {crossing["engine_order"] for crossing in written["crossings"]} == {2.0, 3.0, 4.0}
     again = js.open(tmp_path / "sheet" / "check.nc")
-    assert isinstance(again, js.Campbell)
+    assert isinstance(again, Campbell)
     assert again.crossing_speed.shape == (len(written["modes"]), 3)
     assert again.crossing_speed[0] == pytest.approx(2 * np.pi * again.frequency[0] / np.array([2, 3, 4]))
     assert repr(again) == "Campbell of 19 families and 3 engine orders"

@@ -11,7 +11,7 @@ from jaxshroud.batch.plan import Plan
 from jaxshroud.march.method import FAST
 from jaxshroud.orbits.gradient import scenes_around, smoothed_gradient
 from jaxshroud.scene.vary import with_numbers
-from jaxshroud.verbs.gradient import on_orbit
+from jaxshroud.verbs.gradient import differences, on_orbit
 
 PLAN = Plan(16, 32, 200, 0.0, FAST)
 SIGMA = 0.01
@@ -101,7 +101,7 @@ def test_unlike_blades_change_together_by_the_same_amount():
     both, left, right = (found.value[key] for key in keys)
     assert both == pytest.approx(left + right, rel=1e-9)
     assert min(abs(both - left), abs(both - right)) > 1e-3 * abs(both)
-    assert js.differences(found.orbit, keys[:1], 1e-4)[keys[0]] == pytest.approx(both, rel=1e-6)
+    assert differences(found.orbit, keys[:1], 1e-4)[keys[0]] == pytest.approx(both, rel=1e-6)
     around = scenes_around(scene, keys[:1], np.array([[42.0], [43.0]]))  # of a smoothed one
     np.testing.assert_allclose(around.blades.c_x, [[40, 44], [41, 45]])
 

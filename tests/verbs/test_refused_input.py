@@ -64,7 +64,7 @@ tries = {
     "motion": lambda: js.Parts(motion=("y",)),
     "direction": lambda: js.sweep(scene, {"contact.gamma": [1.0, 2.0]}, n_periods=1, direction="Forward"),
     "of": lambda: js.gradient(scene, ["shroud.gap"], of=lambda run: run),
-    "differences": lambda: js.differences(orbit, ["shroud.gap"], 1e-3, of="Pd"),
+    "differences": lambda: differences(orbit, ["shroud.gap"], 1e-3, of="Pd"),
     "no quantity": lambda: js.gradient(scene, ["shroud.gap"], of="p_d"),
     "goal": lambda: js.tune(scene, {"shroud.gap": (1e-5, 1e-4)}, goal="wrst"),
     "reading": lambda: js.Contact(None, 2.5, "lever"),

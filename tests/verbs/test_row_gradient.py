@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
+from jaxshroud.verbs.gradient import differences
 
 METHOD = js.RungeKutta("dopri8", steps=100)
 WRT = ("shroud.gap", "row.mistuning[1]", "drive.omega")
@@ -22,7 +23,7 @@ def mistuned():
 
 
 def error(found, of, value, step=3e-5):
-    slopes = js.differences(found, WRT, step, of)
+    slopes = differences(found, WRT, step, of)
     return max(abs(slopes[key] / value[key] - 1) for key in WRT)
 
 

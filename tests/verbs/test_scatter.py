@@ -7,6 +7,7 @@ import jaxshroud as js
 from jaxshroud.plotting.style import save_figure
 from jaxshroud.scene.vary import numbers_that_count
 from jaxshroud.signals.effects import effect_step, effects
+from jaxshroud.verbs.gradient import differences
 
 SCENE = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40", "drive.F_0=60"]).scene
 SHORT = {"n_periods": 4, "transient": 16, "method": js.RungeKutta(steps=100)}
@@ -126,7 +127,7 @@ def test_relative_effects_are_those_of_differences(name, more):
     orbit = js.orbit(js.load(name, more).scene, method=js.RungeKutta(steps=400))
     found = js.gradient(orbit.cycle().scene, "all", orbit=orbit)
     assert found.kind == "periodic"
-    by = js.differences(orbit, found.wrt, 1e-5)
+    by = differences(orbit, found.wrt, 1e-5)
     for effect in found.effects:
         step, _ = effect_step(effect.key, effect.number)
         # Fourth-order differences; what they miss, rounding included, is below a ten thousandth of the largest.
