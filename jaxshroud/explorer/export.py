@@ -26,7 +26,7 @@ RESULT_FILES = {
 SCENE_FILE, PAGE_FILE = "scene, TOML", "this page, HTML"
 
 
-class Keeping:
+class Export:
     """The buttons that copy and save, below the motion."""
 
     def __init__(self, page: Any):

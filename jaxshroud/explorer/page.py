@@ -14,7 +14,7 @@ from jaxshroud.explorer.controls import Controls
 from jaxshroud.explorer.diagram import OF_A_ROW, Amount, Window, diagram
 from jaxshroud.explorer.engine import ENDED, WORKERS, Engine, Message
 from jaxshroud.explorer.exploration import Exploration
-from jaxshroud.explorer.export import Keeping
+from jaxshroud.explorer.export import Export
 from jaxshroud.explorer.jobs import DiagramWish, MapWish, Methods, RunWish, SaveWish, VerdictWish, Wish
 from jaxshroud.explorer.messages import motion_html, status_html, verdict_html
 from jaxshroud.explorer.run_panel import RunPanel
@@ -68,7 +68,7 @@ class TabPage:
         self.controls.accuracy.on_change("value", lambda attr, old, new: self.compute())
         self.centre = Centre(exploration, self.recolouring, self)
         self.motion = RunPanel(self.recolouring, in_row)
-        self.keeping = Keeping(self)
+        self.export = Export(self)
         self.status = Div(text=status_html("Ready"), **styled(), name="status_text")
         self._add_roots()
         self.workings: dict[str, str] = {}
@@ -86,7 +86,7 @@ class TabPage:
             "status": beside(self.status, beside(self.dark, name=OF_A_SERVER)),
             "left": self.controls.layout,
             "centre": self.centre.layout,
-            "right": above_each_other(self.motion.layout, self.keeping.layout),
+            "right": above_each_other(self.motion.layout, self.export.layout),
         }
         for name, part in parts.items():
             document.add_root(root(name, part))
@@ -216,7 +216,7 @@ class TabPage:
                 level, share = message.content
                 self._working("diagram", f"{'coarse' if level == 0 else f'finer, level {level}'}, {share:.0%}")
             elif message.worker == "saves":
-                self.keeping.refuse(*message.content)
+                self.export.refuse(*message.content)
             else:
                 self._say_failed(message.worker, *message.content)
 
@@ -229,7 +229,7 @@ class TabPage:
         self.motion.heading.text = motion_html(run, self.selected, exploration.file)
         self.motion.verdict.text = verdict_html(None)
         self.centre.mark(self.selected, exploration.file)
-        self.keeping.show_commands()
+        self.export.show_commands()
         self._working("run", "")
         self.compute_verdict(exploration)
 
@@ -237,7 +237,7 @@ class TabPage:
         """Show a level of the diagram."""
         self.results["diagram"] = whole
         self.centre.show_level(window, direction, level, added, whole)
-        self.keeping.show_commands()
+        self.export.show_commands()
         last = level + 1 == self.amount.levels or direction != "independent"
         self._working("diagram", "" if last else FINER)
 

@@ -1,0 +1,69 @@
+"""The field's words: what the project once called by names of its own is not called so again."""
+
+import ast
+import re
+from pathlib import Path
+
+import jaxshroud
+
+ROOT = Path(jaxshroud.__file__).parents[1]
+FIELDS = {  # names of the project's own, as parts of names in the code -> the field's
+    "tally": "accumulator",
+    "lawbook": "built-in laws",
+    "film": "animation",
+    "climb": "gradient ascent",
+    "absent": "symbolic zero (`Zero`)",
+    "formal": "symbolic",
+    "look": "styles, appearance",
+    "keeping": "export",
+    "ahead": "prefetch",
+}
+OLD_FOLDERS = {"motion", "programs"}
+
+
+def parts_of(name: str) -> set[str]:
+    """The words within a name of Python."""
+    return {part.lower() for part in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)}
+
+
+def names_defined(tree: ast.Module) -> set[str]:
+    """The names of functions, classes and what a module and its classes assign, which others may read."""
+    holders = [tree, *(node for node in ast.walk(tree) if isinstance(node, ast.ClassDef))]
+    found = {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.ClassDef)}
+    for statement in (statement for holder in holders for statement in holder.body):
+        targets = statement.targets if isinstance(statement, ast.Assign) else [getattr(statement, "target", None)]
+        found |= {target.id for target in targets if isinstance(target, ast.Name)}
+    return found
+
+
+def test_names_are_taken_apart():
+    assert parts_of("_updated_RowTally") == {"updated", "row", "tally"}
+    assert parts_of("BROKEN_LOOK") == {"broken", "look"}
+    assert names_defined(ast.parse("A = 1\ndef f(): b = 2\nclass C:\n    d: int\n")) == {"A", "f", "C", "d"}
+
+
+def test_names_are_those_of_the_field():
+    for path in (ROOT / "jaxshroud").rglob("*.py"):
+        defined = names_defined(ast.parse(path.read_text("utf-8")))
+        old = {name: [FIELDS[part] for part in parts_of(name) & set(FIELDS)] for name in defined}
+        assert not {name: words for name, words in old.items() if words}, path
+        assert path.stem not in {"words", *FIELDS}
+        assert path.parent.name not in OLD_FOLDERS
+
+
+def test_pages_name_no_old_module():
+    for page in (ROOT / "docs").rglob("*.md"):
+        text = page.read_text("utf-8")
+        assert not re.findall(rf"\b(?:{'|'.join(OLD_FOLDERS)})/[a-z_]+\.py", text), page
+        assert not re.findall(r"\b(?:tally|lawbook|climbs?)\b", text), page
+
+
+def test_walks_name_files_and_are_short():
+    text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    walks = text[text.index("## Three walks") :].split("\n## ")[0].split("**From ")[1:]
+    for walk in walks:
+        files = re.findall(r"^\d+\. `([\w/]+\.\w+)`", walk, re.M)
+        assert 10 <= len(files) <= 14
+        missing = [f for f in files if not (ROOT / "jaxshroud" / f).exists() and not (ROOT / f).exists()]
+        assert not missing
+    assert len(walks) == 3
