@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
@@ -84,7 +84,7 @@ def switch_guards(at: ContactKinematics, torques: EndTorques, case: Case) -> tup
     )
 
 
-def present(numbers: tuple[Scalar, ...]) -> list[int]:
+def present(numbers: tuple[Any, ...]) -> list[int]:
     """The numbers of the events for which there is a value."""
     return [i for i, value in enumerate(numbers) if not is_absent(value)]
 

@@ -1,8 +1,11 @@
 """The built-in observables: all that is logged along a march beside the integrals, in the order of a `Log`."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 
+from jaxshroud.march.carry import PerLane
 from jaxshroud.march.cubic_extremes import closing_speed, merged_range, updated_extrema, updated_peaks, updated_range
 from jaxshroud.march.event import Event
 from jaxshroud.march.events import EVENTS
@@ -30,7 +33,7 @@ from jaxshroud.march.tally import (
 )
 from jaxshroud.model.arithmetic import Scalar, where
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.rhs import Displacements, Means
+from jaxshroud.model.rhs import Means
 from jaxshroud.model.row import blade_positions
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion
@@ -57,7 +60,7 @@ TIMES = Observable(
 )
 
 
-def _deepest(at: Beginning) -> Scalar:
+def _deepest(at: Beginning) -> PerLane:
     return jnp.maximum(at.v, 0.0)
 
 
@@ -73,7 +76,7 @@ V_MAX = Observable(
 )
 
 
-def _updated_sizes(before: Displacements, trial: BladeTrial) -> Displacements:
+def _updated_sizes(before: tuple[Any, Any, Any], trial: BladeTrial) -> tuple[Any, Any, Any]:
     sizes = displacements_of(trial.after)
     if trial.by_series is not None:
         sizes = jax.tree.map(lambda a, b: jnp.maximum(a, jnp.abs(b)), trial.by_series, sizes)

@@ -17,7 +17,7 @@ from jaxshroud.model.prepared import Model
 from jaxshroud.model.rhs import Displacements, Integrals, Means, position_at
 from jaxshroud.scene.keys import Motion
 
-EventCount = Int[Array, ""] | Absent
+EventCount = Int[Array, "..."] | Absent
 
 
 class Counters(eqx.Module):
