@@ -3,8 +3,7 @@
 from functools import partial
 from typing import TypedDict, Unpack
 
-from jaxshroud.batch.marches import require_march
-from jaxshroud.batch.runs import stepping_method
+from jaxshroud.batch.marches import march_of, require_march
 from jaxshroud.march.method import Choices, choices
 from jaxshroud.march.stability import steps_for
 from jaxshroud.motion.short_runs import end_states
@@ -39,7 +38,7 @@ def plan_march(resolved: ResolvedOptions, lanes: Scene, usual: Choices, **trials
         return MarchPlan(choice.steps, method, choice)
     # the method was not chosen for these lanes: is it stable here?
     lanes = in_precision(without_given(lanes), method.precision)
-    steps = steps_for(lanes, 1, resolved.asked.given_steps, stepping_method(lanes, method))
+    steps = steps_for(lanes, 1, resolved.asked.given_steps, march_of(lanes).stepping(method))
     return MarchPlan(steps, method, choice)
 
 
