@@ -1,7 +1,7 @@
 """The tally of a pair through its trials; what is logged, and how, stands in `logged`."""
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -9,24 +9,16 @@ import jax.numpy as jnp
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observable import Beginning, BladeTrial, Ending, InterfaceTrial, Observable
+from jaxshroud.march.observable import Beginning, BladeTrial, InterfaceTrial, Observable
 from jaxshroud.march.series_extremes import ContactSeries, MotionSeries
 from jaxshroud.march.tally import EnergyJumps, Log, Tally, no_margins
+from jaxshroud.march.trial import AcceptedTrial
 from jaxshroud.model.arithmetic import ABSENT, Scalar, is_absent, zeros_for
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.model.rhs import Integrals, rhs
+from jaxshroud.model.rhs import rhs
 from jaxshroud.scene.keys import Motion
-
-
-class AcceptedTrial(NamedTuple):
-    """A trial that was accepted, as far as the log asks."""
-
-    contact: InterfaceTrial
-    blades: BladeTrial  # of both, its fields pairs
-    ending: Ending | None = None  # None where there are no events
-    by_series: tuple[Any, ...] | None = None  # see `Observable.of_series`, of each; None for Runge-Kutta methods
 
 
 def log_of(values: Mapping[str, Any]) -> Log:
@@ -56,23 +48,22 @@ def _new_log(state: State, zero: Scalar, model: Model, method: Choices) -> Log:
     return log_of({one.name: start(one) for one in observables_of(method)})
 
 
-def updated_tally(
-    tally: Tally, gain: Integrals, jumps: EnergyJumps | None, trial: AcceptedTrial, method: Choices
-) -> Tally:
-    """The tally after a trial with so much of the integrals and of the jumps at its end; margins are kept."""
-    tally = tally.plus(gain, jumps)
-    return tally if tally.log is None else tally._replace(log=updated_log(tally.log, trial, method))
+def updated_tally(tally: Tally, trial: AcceptedTrial, model: Model, method: Choices) -> Tally:
+    """The tally after a trial; margins are kept."""
+    tally = tally.plus(trial.gain, trial.jumps)
+    return tally if tally.log is None else tally._replace(log=_updated_log(tally.log, trial, model, method))
 
 
-def updated_log(log: Log, trial: AcceptedTrial, method: Choices) -> Log:
-    """The log after a trial."""
-    (contact, blades, ending, by_series), observables = trial, observables_of(method)
-    contact = contact._replace(apart=contact.mode == Mode.APART)
+def _updated_log(log: Log, trial: AcceptedTrial, model: Model, method: Choices) -> Log:
+    start, end, h, loads = trial.start, trial.end, trial.h, trial.gain.loads
+    apart, by_series, observables = trial.mode == Mode.APART, trial.by_series, observables_of(method)
+    contact = InterfaceTrial(h, trial.mode, trial.v, apart, start, end, trial.lift, loads, model)
+    blades = BladeTrial(start.motion, end, trial.after, h, trial.step, trial.next_step)
 
     def updated(one: Observable, by_series: Any) -> Any:
         before = value_in(log, one.name)
         if one.takes == "event":
-            return before if ending is None else one.update(before, ending)
+            return before if trial.events is None else one.update(before, trial.events)
         if one.per == "interface":
             return one.update(before, contact._replace(by_series=by_series))
         return of_blades(one, one.update, before, blades._replace(by_series=by_series))

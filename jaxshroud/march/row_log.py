@@ -1,6 +1,6 @@
 """The tally of rows of blades through their trials; what is logged, and how, stands in `logged`."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,28 +10,13 @@ from jaxshroud.march.log import log_of, value_in
 from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Beginning, BladeTrial, InterfaceTrial, Observable, Per
-from jaxshroud.march.row_carry import InterfaceChange
-from jaxshroud.march.row_step import OfLanes, RowStepEnd
-from jaxshroud.march.tally import EnergyJumps, Log, Tally
+from jaxshroud.march.tally import Log, Tally
+from jaxshroud.march.trial import AcceptedTrial
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.row import Each, OfInterfaces, RowModel, both_sides, over, pair_states
 from jaxshroud.scene.keys import Motion
-
-
-class RowTrial(NamedTuple):
-    """A trial of a row that was accepted, as far as the tally asks."""
-
-    start: State
-    mode: Any  # of each interface during it
-    h: OfLanes  # its length [s]
-    end: RowStepEnd  # before what happens there
-    after: Any  # motion after it
-    change: InterfaceChange
-    dropped: OfLanes  # energy lost where flat contact ended a rocking motion [J]
-    step: Any  # in which it was made, and
-    next_step: Any  # in which the next one is made
 
 
 def penetrations(state: State, model: RowModel, each: Each) -> OfInterfaces:
@@ -53,28 +38,27 @@ def new_row_log(state: State, at: OfInterfaces, model: RowModel, method: Choices
     return log_of({one.name: start(one) for one in observables_of(method)})
 
 
-def updated_row_tally(tally: Tally, trial: RowTrial, model: RowModel, method: Choices, each: Each) -> Tally:
-    """The tally after a trial."""
-    jumps = EnergyJumps(trial.change.springs, trial.dropped)
-    tally = tally.plus(trial.end.gain, jumps)._replace(margins=trial.change.margins)
+def updated_row_tally(tally: Tally, trial: AcceptedTrial, model: RowModel, method: Choices, each: Each) -> Tally:
+    """The tally after a trial; margins are kept."""
+    tally = tally.plus(trial.gain, trial.jumps)
     return tally if tally.log is None else tally._replace(log=_updated_row_log(tally.log, trial, model, method, each))
 
 
-def _updated_row_log(log: Log, trial: RowTrial, model: RowModel, method: Choices, each: Each) -> Log:
+def _updated_row_log(log: Log, trial: AcceptedTrial, model: RowModel, method: Choices, each: Each) -> Log:
     shroud = model.blades.shroud
-    change, end = trial.change, shroud(trial.end.state.motion)
-    contact = InterfaceTrial(trial.h, trial.mode, change.v, trial.mode == Mode.APART)
+    end = shroud(trial.end)
+    contact = InterfaceTrial(trial.h, trial.mode, trial.v, trial.mode == Mode.APART)
     blades = BladeTrial(shroud(trial.start.motion), end, shroud(trial.after), trial.h, trial.step, trial.next_step)
     at_once = {
         one.name: one.update(value_in(log, one.name), contact if one.per == "interface" else blades)
         for one in observables_of(method)
         if one.takes == "all"
     }
-    values = at_once | change.counted
+    values = at_once | trial.events
     if takers_of_one("interface", method):
         start, end = pair_states(trial.start, model), both_sides(end, model.closed)
-        loads = trial.end.gain.loads
-        contact = contact._replace(start=start, end=end, lift=change.lift, loads=loads, model=model.interfaces)
+        loads = trial.gain.loads
+        contact = contact._replace(start=start, end=end, lift=trial.lift, loads=loads, model=model.interfaces)
         values |= _updated_each(log, contact, takers_of_one("interface", method), each)
     if takers_of_one("blade", method):
         values |= _updated_each(log, blades, takers_of_one("blade", method), each)

@@ -26,7 +26,7 @@ from jaxshroud.march.carry import (
 from jaxshroud.march.event import above_zero, case_switches, check_own_events, guards_after_event, guards_to_begin_with
 from jaxshroud.march.events import FLAT_RETURN
 from jaxshroud.march.guards import Guards, any_of
-from jaxshroud.march.locate import select
+from jaxshroud.march.locate import LocationDecision, select
 from jaxshroud.march.log import value_in
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Ending, Lift
@@ -34,9 +34,8 @@ from jaxshroud.march.rk_step import interval_in_step, trial_interval
 from jaxshroud.march.row_carry import InterfaceChange
 from jaxshroud.march.row_event_time import RowCrossing, differentiable_event_end, one_after_the_other
 from jaxshroud.march.row_guards import interface_view, row_guards, row_torques
-from jaxshroud.march.row_locate import InterfaceOutcome, RowDecision, interface_outcome, judge_row, row_outcome
+from jaxshroud.march.row_locate import InterfaceOutcome, interface_outcome, judge_row, row_outcome
 from jaxshroud.march.row_log import (
-    RowTrial,
     new_row_log,
     penetrations,
     takers_of_events,
@@ -46,8 +45,9 @@ from jaxshroud.march.row_log import (
 from jaxshroud.march.row_step import OfLanes, RowStepEnd, row_step
 from jaxshroud.march.search import following_search, new_search
 from jaxshroud.march.tally import EnergyJumps, EventMargins, Log, Tally, no_margins
-from jaxshroud.model.arithmetic import ABSENT, ANGLE_RANGE, Scalar, is_absent, zeros_for
-from jaxshroud.model.modes import FLAT, Mode, Status
+from jaxshroud.march.trial import AcceptedTrial, lane_after, mode_of_smooth_contact
+from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, is_absent, zeros_for
+from jaxshroud.model.modes import FLAT, Status
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.row import (
     Each,
@@ -135,7 +135,7 @@ def interface_change(
 class RowVerdict(NamedTuple):
     """What a trial leads to. Nothing here has a derivative."""
 
-    decision: RowDecision
+    decision: LocationDecision
     outcome: InterfaceOutcome  # of each interface
     crossing: RowCrossing
     torque: Any  # of each interface, see `row_torques`, and so is the next
@@ -155,7 +155,7 @@ def judge_row_trial(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method:
     pairs = pair_states(end.state, model)
     at_interface = partial(interface_outcome, events=method.all_events)
     outcome = over(each, at_interface, torque, pairs, lane.guards, counts, h, model.interfaces)
-    judge = partial(judge_row, locate=method.locate, order=method.rk.order, derivative=method.derivative)
+    judge = partial(judge_row, method=method)
     of_row = row_outcome(search, outcome, lane.guards)
     decision = each(judge, search._replace(pending=None, turns=None), of_row, running(lane, stop), grid.h)
     fires = decision.fire[None] & outcome.hit
@@ -193,20 +193,16 @@ def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -
     next_search, step = following_search(
         search._replace(turns=change.turns), lane.step, decision.fire, recheck, method.locate
     )
-    trial = RowTrial(lane.state, lane.state.mode, interval.h, end, after.motion, change, dropped, lane.step, step)
-    tally = updated_row_tally(lane.tally, trial, model, method, each)
+    start, motions, jumps = lane.state, (end.state.motion, after.motion), EnergyJumps(change.springs, dropped)
+    told = change.v, change.lift, end.gain, jumps, lane.step, step, change.counted
+    trial = AcceptedTrial(start, start.mode, interval.h, *motions, *told)
+    tally = updated_row_tally(lane.tally, trial, model, method, each)._replace(margins=change.margins)
     limit = MAX_EVENTS_PER_STEP * len(verdict.outcome.hit)
     too_many = next_search.events > limit
     status = status_of(_turned(after, verdict.not_finite, model), verdict.not_finite, too_many)
     status = jnp.where(accept, status, Status.OK).astype(jnp.int32)
-    return Lane(
-        select(accept, after, lane.state),
-        jnp.where(accept, step, lane.step),
-        select(accept, next_search, repeated),
-        select(accept | decision.move_low, guards, lane.guards),
-        select(accept, tally, lane.tally),
-        jnp.where(active, status, lane.status),
-    )
+    later = Lane(after, step, next_search, guards, tally, status)
+    return lane_after(lane, later, accept, decision.move_low, active, repeated)
 
 
 def _guards_after_events(
@@ -282,20 +278,12 @@ def _without_events(
     """The rows after a trial of smooth contact, which is accepted in any case."""
     no = jnp.zeros_like(active)
     v = penetrations(end.state, model, each)
-    touches = jnp.where(v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS))
-    told = jnp.zeros_like(v), _of_events(lane.tally.log, method), v, lane.tally.margins, Lift(no, no, no)
-    change = InterfaceChange(ABSENT, touches, touches, no, None, no, *told)
+    jumps, motion = EnergyJumps(jnp.zeros_like(v), jnp.zeros_like(h)), end.state.motion
     next_search, step = following_search(lane.search, lane.step, no, no, method.locate)
-    motion = end.state.motion
-    trial = RowTrial(lane.state, touches, h, end, motion, change, jnp.zeros_like(h), lane.step, step)
+    told = v, Lift(no, no, no), end.gain, jumps, lane.step, step, _of_events(lane.tally.log, method)
+    trial = AcceptedTrial(lane.state, mode_of_smooth_contact(v), h, motion, motion, *told)
     tally = updated_row_tally(lane.tally, trial, model, method, each)
     lost = ~_is_finite(end.state)
     status = status_of(_turned(end.state, lost, model), lost, no)
-    return Lane(
-        select(active, end.state, lane.state),
-        jnp.where(active, step, lane.step),
-        select(active, next_search, lane.search),
-        None,
-        select(active, tally, lane.tally),
-        jnp.where(active, status, lane.status),
-    )
+    later = Lane(end.state, step, next_search, None, tally, status)
+    return lane_after(lane, later, active, no, active, lane.search)

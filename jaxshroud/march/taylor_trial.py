@@ -31,9 +31,9 @@ from jaxshroud.march.event import case_switches
 from jaxshroud.march.events import EVENTS, FLAT_RETURN, LIFT, happens, number_of
 from jaxshroud.march.guards import any_of
 from jaxshroud.march.locate import at_event, select
-from jaxshroud.march.log import AcceptedTrial, found_by_series, new_tally, updated_tally
+from jaxshroud.march.log import found_by_series, new_tally, updated_tally
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observable import BladeTrial, Ending, InterfaceTrial
+from jaxshroud.march.observable import Ending
 from jaxshroud.march.series_extremes import ContactSeries, MotionSeries, deepest_penetration
 from jaxshroud.march.tally import displacements_of
 from jaxshroud.march.taylor_events import (
@@ -52,6 +52,7 @@ from jaxshroud.march.taylor_integrals import (
     integrated_squares,
     integrated_works,
 )
+from jaxshroud.march.trial import AcceptedTrial
 from jaxshroud.model.arithmetic import Scalar, is_absent, sincos_turns, where
 from jaxshroud.model.contact_law import linear_law
 from jaxshroud.model.drive import drive_waves
@@ -258,13 +259,10 @@ def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[Model], method
     h = trial.length * grid.h
     change = event_change(z, Q, start, fire, trial.kind, h, fixed)
     transition = change.transition
-    accepted = AcceptedTrial(
-        InterfaceTrial(h, start.mode, trial.deepest, None, start, z, change.lift, trial.gain.loads, model),
-        BladeTrial(start.motion, z, z, h, lane.step, step),
-        Ending(transition, fire, event.inside),
-        trial.by_series,
-    )
-    tally = updated_tally(lane.tally, trial.gain, change.jumps, accepted, method)
+    ending = Ending(transition, fire, event.inside)
+    ends, sums = (z, z, trial.deepest, change.lift), (trial.gain, change.jumps)
+    accepted = AcceptedTrial(start, start.mode, h, *ends, *sums, lane.step, step, ending, trial.by_series)
+    tally = updated_tally(lane.tally, accepted, model, method)
     tally = tally._replace(margins=updated_margins(tally.margins, change, fire, model))
     lost, tries = ~is_finite(z), jnp.maximum(next_search.events, next_search.tries)
     status = status_of(turned_too_far(z, lost), lost, tries > MAX_EVENTS_PER_STEP)
