@@ -13,10 +13,10 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxshroud.batch.blocks import PeriodKernels
-from jaxshroud.batch.periods import LOGGED_BY_PERIOD, Sample
+from jaxshroud.batch.periods import LOGGED_BY_PERIOD, Sample, repeated_trials
 from jaxshroud.batch.stretches import EnergyBalance
-from jaxshroud.batch.xla import best_mapping, compiled, repeated_while
-from jaxshroud.march.carry import EachLane, Fixed, Lane, running
+from jaxshroud.batch.xla import best_mapping, compiled
+from jaxshroud.march.carry import EachLane, Fixed, Lane
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import contact_spring_energy, energy_residual, slider_position
 from jaxshroud.march.row_log import tally_of_new_period
@@ -76,8 +76,7 @@ def carried_row(state: State, model: RowModel) -> State:
 
 def march_rows(lanes: Lane, fixed: Fixed, method: Choices, each: EachLane, passes: Int[Array, ""] | None = None) -> Any:
     """Run every row to the start of step `stop`, or until its status is not OK; `passes` as in `periods.march`."""
-    going = lambda lanes: jnp.any(running(lanes, fixed.stop))
-    return repeated_while(going, lambda lanes: row_trial(lanes, fixed, method, each), lanes, True, passes)
+    return repeated_trials(lambda lanes: row_trial(lanes, fixed, method, each), lanes, fixed.stop, True, passes=passes)
 
 
 def energies_in_rows(state: State, model: RowModel, each: EachLane) -> Float[Array, " lanes"]:
