@@ -20,7 +20,7 @@ from jaxshroud.scene.parts import COORDINATES
 from jaxshroud.scene.scene import Scene, Shroud
 from jaxshroud.scene.typed import typed
 
-SWING_POINTS = 128  # points over one drive period: exact to rounding while the torsion amplitude is below 50 rad
+SWING_POINTS = 128  # over a period of the highest harmonic: exact to rounding while torsion is below 50 rad
 RESONANCE_ROUNDINGS = 4  # rounding units between k and m omega^2 that count as none
 
 
@@ -101,7 +101,8 @@ def free_power(scene: Scene) -> PerBlade:
         sin^2(Theta sin(tau) / 2) is (1 - J_0(Theta)) / 2, here by the trapezoidal rule, which is exact to rounding.
     """
     free, s = steady_amplitudes(scene), scene.shroud
-    tau = jnp.linspace(0, 2 * jnp.pi, SWING_POINTS, endpoint=False, dtype=s.gap.dtype)
+    points = SWING_POINTS * (1 if len(free) == 1 else max(free))
+    tau = jnp.linspace(0, 2 * jnp.pi, points, endpoint=False, dtype=s.gap.dtype)
     angle = free_reach(free, "theta")
     swing = jnp.sin(_free_angles(free, angle, tau) / 2) ** 2
     translation = summed(_mean_square(n, one) for n, one in free.items())

@@ -48,7 +48,8 @@ def check(
     Args:
         scene: One scene, or a scene file.
         engine_orders: Engine orders whose crossings with natural frequencies are told; by default the scene's own and
-            1 to 6. Where the scene tells only the frequency of its drive, its own is the first one, by default 1.
+            1 to 6. Where the scene tells only the frequency of its drive, its own is the first one, by default 1. Those
+            of all harmonics of the drive are among them.
         start: Where the range of speeds begins [rad/s].
         stop: Where it ends; by default beyond the scene's own speed and the lowest natural frequencies.
 
@@ -118,6 +119,9 @@ def _over_speed(
     own, omega = engine_order_of(scene), float(scene.drive.omega)
     orders = _checked_orders(given, own)
     drive_order = own or orders[0]
+    excited = [n for n in scene.drive.harmonics() if n > 0]
+    if excited != [1]:
+        orders = list(dict.fromkeys([*orders, *(n * drive_order for n in excited)]))
     speed = omega / drive_order
     reached = modes if scene.row is None else [mode for mode in modes if mode.driven > LEAST_DRIVEN] or modes
     stop = _end_of_range(reached, omega, speed) if stop is None else float(stop)
@@ -126,6 +130,7 @@ def _over_speed(
     orders = tuple(sorted(orders))
     return {
         **{"drive_order": drive_order, "is_own_order": own is not None, "engine_orders": orders},
+        "harmonics": tuple(excited),
         **{"speed": speed, "start": float(start), "stop": stop},
         "crossings": crossings_between(modes, orders, speed, start, stop, scene.layout),
     }

@@ -95,10 +95,12 @@ def _resonance_doubts(sheet: DataSheet) -> Iterator[str]:
     )
     is_free = lambda mode: any(np.isclose(mode.frequency, other.frequency, SAME_FREQUENCY, 0) for other in apart)
     for modes in (apart, [mode for mode in stuck if not is_free(mode)]):
-        yield from _resonance_doubt(sheet.drive, modes)
+        for order in sheet.harmonics:
+            name = "the drive" if order == 1 else f"harmonic {order} of the drive"
+            yield from _resonance_doubt(name, order * sheet.drive, modes)
 
 
-def _resonance_doubt(drive: float, modes: Sequence[NaturalMode]) -> Iterator[str]:
+def _resonance_doubt(which: str, drive: float, modes: Sequence[NaturalMode]) -> Iterator[str]:
     nearest = min(modes, key=lambda mode: abs(np.log(drive / mode.frequency)), default=None)
     if nearest is None:
         return
@@ -106,10 +108,10 @@ def _resonance_doubt(drive: float, modes: Sequence[NaturalMode]) -> Iterator[str
     if abs(margin) <= nearest.zeta < OVERDAMPED:
         band = f"half-power band, {2 * nearest.zeta:.2g} of the frequency"
         limit = "damping alone limits" if nearest.zeta else "nothing but contact limits"
-        yield f"the drive is at the resonance of {name}, within its {band}: {limit} the motion"
+        yield f"{which} is at the resonance of {name}, within its {band}: {limit} the motion"
     elif abs(margin) < MIN_MARGIN:
         side = "above" if margin > 0 else "below"
-        yield f"the drive is {100 * abs(margin):.2g} % {side} {name}: small changes of either decide the motion"
+        yield f"{which} is {100 * abs(margin):.2g} % {side} {name}: small changes of either decide the motion"
 
 
 def _doubts_of_interfaces(sheet: DataSheet, face: float) -> Iterator[str]:

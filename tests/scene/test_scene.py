@@ -73,7 +73,7 @@ def leaves(scene) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize(
-    "key", [key for key in NUMERIC_KEYS if key not in ("contact.k", "contact.width", "blades.m_y")]
+    "key", [key for key in NUMERIC_KEYS if key not in ("contact.k", "contact.width", "blades.m_y", "drive.level")]
 )
 def test_one_number_is_replaced_and_no_other(table1, key):
     table, name = key.split(".")
