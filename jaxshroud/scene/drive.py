@@ -42,6 +42,23 @@ class DriveHarmonic(NamedTuple):
         return getattr(self, {"x": "F_x", "y": "F_y", "theta": "M_0"}[name])
 
 
+class MeanLoad(NamedTuple):
+    """A constant force and moment of each blade: the harmonic of order 0."""
+
+    F_x: PerBlade  # [N]
+    F_y: PerBlade  # [N]
+    M_0: PerBlade  # [N m]
+
+    @property
+    def phase(self) -> Any:
+        """A quarter of a turn, at which a harmonic of order 0 has its amplitude, by NumPy or JAX."""
+        return 0 * self.F_x + math.pi / 2
+
+    def load(self, name: str) -> Any:
+        """The force along x or y [N], or the moment on theta [N m]."""
+        return getattr(self, {"x": "F_x", "y": "F_y", "theta": "M_0"}[name])
+
+
 class Harmonic(eqx.Module):
     """One harmonic of a drive: `F sin(n (omega t + phi) + phase)` at an angle `beta` to x, and the moment `M sin(...)`.
 
@@ -54,22 +71,26 @@ class Harmonic(eqx.Module):
     M: PerBlade = eqx.field(converter=per_blade, default=0.0)  # moment amplitude [N m]
     phase: PerBlade | None = eqx.field(converter=per_blade, default=None)  # psi [rad]; None: 0
 
-    def under(self, phase: PerBlade, level: Number | None) -> DriveHarmonic:
-        """The force and the moment under the phase and the level of the drive."""
+    def under(self, phase: Any, level: Any) -> DriveHarmonic:
+        """The force and the moment under the phase and the level of the drive, by NumPy or JAX."""
         own = phase if self.order == 1 else self.order * phase
         own = own if self.phase is None else own + self.phase
         return DriveHarmonic(self.beta, _at_level(level, self.F), _at_level(level, self.M), own)
 
 
-def _at_level(level: Number | None, load: Any) -> Any:
+def _at_level(level: Any, load: Any) -> Any:
     return load if level is None else level[..., None] * load
+
+
+Harmonics = dict[int, DriveHarmonic | MeanLoad]  # by order
 
 
 class Drive(eqx.Module):
     """The force `Q_i = F_0 sin(omega t + phase)` at an angle `beta` to x, and the moment `M_0 sin(...)` (Sec. 3.1).
 
-    In their place there may be any number of harmonics of the frequency omega, each with a direction and loads of its
-    own; then `beta`, `F_0` and `M_0` are None.
+    There may be a constant load beside it, which is order 0 of its harmonics. In the place of the sine there may be any
+    number of harmonics of the frequency omega, each with a direction and loads of its own; then `beta`, `F_0` and `M_0`
+    are None.
 
     A drive of one's own is a class derived from this one, with fields of further numbers, whose `harmonics` are these
     fields. Everything else, from the march to the closed form without contact, follows from them. Files cannot name it.
@@ -81,6 +102,9 @@ class Drive(eqx.Module):
     M_0: PerBlade | None = eqx.field(converter=per_blade)  # moment amplitude [N m]
     phase: PerBlade = eqx.field(converter=per_blade)  # the paper's phi_1, phi_2 [rad]
     level: Number | None = eqx.field(converter=scalar, default=None, kw_only=True)  # factor of all harmonics; None: 1
+    F_x_mean: PerBlade | None = eqx.field(converter=per_blade, default=None, kw_only=True)  # mean load [N]; None: 0
+    F_y_mean: PerBlade | None = eqx.field(converter=per_blade, default=None, kw_only=True)  # [N]
+    M_mean: PerBlade | None = eqx.field(converter=per_blade, default=None, kw_only=True)  # mean moment [N m]
     harmonic: tuple[Harmonic, ...] | None = eqx.field(default=None, kw_only=True)  # None: the one of F_0 and M_0
 
     def __check_init__(self):
@@ -110,8 +134,17 @@ class Drive(eqx.Module):
         }
         return {name: value for name, value in named.items() if value is not None}
 
-    def harmonics(self) -> dict[int, DriveHarmonic]:
+    def harmonics(self) -> Harmonics:
         """The force and the moment by the order n of their frequency n omega. Their numbers are fields of the drive."""
+        mean = self._mean_load()
+        return self._sines() if mean is None else {**self._sines(), 0: mean}
+
+    def _mean_load(self) -> MeanLoad | None:
+        loads = (self.F_x_mean, self.F_y_mean, self.M_mean)
+        given = next((load for load in loads if load is not None), None)
+        return None if given is None else MeanLoad(*(0 * given if load is None else load for load in loads))
+
+    def _sines(self) -> Harmonics:
         if self.harmonic is not None:
             return {one.order: one.under(self.phase, self.level) for one in self.harmonic}
         assert self.beta is not None  # without a list of harmonics
@@ -148,12 +181,12 @@ class Drive(eqx.Module):
         )
 
     def scaled(self, factor: float) -> "Drive":
-        """The same drive with all forces and moments times a `factor`."""
+        """The same drive with all forces and moments but mean loads times a `factor`."""
         loads = lambda drive: [load for one in drive.own_loads() for load in one]
         return eqx.tree_at(loads, self, [load * factor for load in loads(self)])
 
     def own_loads(self) -> Sequence[tuple[Any, Any]]:
         """The fields of the drive that are amplitudes of a force and of a moment, by harmonics."""
         if self._is_own:
-            return [(one.F_0, one.M_0) for one in self.harmonics().values()]
+            return [(one.F_0, one.M_0) for one in self.harmonics().values() if isinstance(one, DriveHarmonic)]
         return [(self.F_0, self.M_0)] if self.harmonic is None else [(one.F, one.M) for one in self.harmonic]

@@ -174,6 +174,9 @@ SCENE_KEYS = (
     blade_key("drive.M_0", "N m", ANY, "M_0", "moment amplitude", "100 N m"),
     blade_key("drive.phase", "rad", ANY, r"\phi", "drive phase", ["0 deg", "180 deg"], "phases of the drive"),
     scene_key("drive.level", "", ANY, r"\lambda", "level of the drive", 1.2, "factor of all its harmonics", None),
+    blade_key("drive.F_x_mean", "N", ANY, r"\bar F_x", "mean force", "5 N", "constant force along x", None),
+    blade_key("drive.F_y_mean", "N", ANY, r"\bar F_y", "mean force", "5 N", "constant force along y", None),
+    blade_key("drive.M_mean", "N m", ANY, r"\bar M", "mean moment", "0.1 N m", "constant moment", None),
     blade_key("initial.x", "m", ANY, "x(0)", "initial displacement", "0.01 mm", "displacement in x", 0.0),
     blade_key("initial.y", "m", ANY, "y(0)", "initial displacement", "0.01 mm", "displacement in y", 0.0),
     blade_key(

@@ -4,10 +4,11 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from jaxshroud.scene.checks import KeyNameError
-from jaxshroud.scene.keys import HARMONIC_ENTRY, SINGLE_LOADS
+from jaxshroud.scene.keys import ALL_KEYS, HARMONIC_ENTRY, SINGLE_LOADS
 
 NO_WIDTH = "The scene's contact is not smooth: it has no width."
-WITHOUT_EFFECT = {"drive.level": 1.0}  # of which a scene without them is the same
+MEAN_LOADS = ("drive.F_x_mean", "drive.F_y_mean", "drive.M_mean")
+WITHOUT_EFFECT = {"drive.level": 1.0, **dict.fromkeys(MEAN_LOADS, 0.0)}  # of which a scene without them is the same
 A_HARMONIC = "add a table [[drive.harmonic]] with order = 2, F = 20 and beta = 0.5"
 
 
@@ -58,5 +59,5 @@ def standing_for(name: str, numbers: Mapping[str, Any]) -> Any:
     if name == "blades.m_y":
         return numbers["blades.m"]
     if name in WITHOUT_EFFECT:
-        return WITHOUT_EFFECT[name] + 0 * numbers["drive.omega"]
+        return WITHOUT_EFFECT[name] + 0 * numbers["drive.phase" if ALL_KEYS[name].pair else "drive.omega"]
     return 0 * numbers[name.replace(".phase", ".F")]  # of a harmonic
