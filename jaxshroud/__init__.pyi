@@ -65,6 +65,7 @@ from .scene.checks import StepTooLongError as StepTooLongError
 from .scene.checks import StoreError as StoreError
 from .scene.config import load as load
 from .scene.drive import Drive as Drive
+from .scene.drive import Harmonic as Harmonic
 from .scene.file import Axis as Axis
 from .scene.file import SceneFile as SceneFile
 from .scene.grids import scenes_from as scenes_from

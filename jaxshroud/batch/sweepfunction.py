@@ -18,7 +18,7 @@ from jaxshroud.batch.stopped import nan_where, replaced_where
 from jaxshroud.batch.xla import compiled
 from jaxshroud.march.method import EXPLICIT, Choices, Method, explicit
 from jaxshroud.model.geometry import gyration
-from jaxshroud.model.linear import area, free_power, power_reduction, vibration_square
+from jaxshroud.model.linear import area, free_power, means_from_static, power_reduction, vibration_square
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.scene.checks import InputError, count_argument
@@ -124,6 +124,7 @@ def _run_sweep(scenes: Scene, states: State, plan: SweepPlan, method: Choices) -
     power = jnp.stack(outcomes.power, axis=-1)
     means = jnp.stack([jnp.stack(blades, axis=-1) for blades in outcomes.means], axis=1)
     square, means = replaced_where(stopped, (power, means), 0.0)
+    means = jax.vmap(means_from_static)(told, means)
     about_mean = jax.vmap(vibration_square)(square[:, : means.shape[-1]], means, jax.vmap(gyration)(told.shroud))
     P, P_vibration = A[:, None] * square, A[:, None] * about_mean
     P_d, P_d_vibration = (power_reduction(pure.counted(a), pure.counted(P_0)) for a in (P, P_vibration))

@@ -23,7 +23,7 @@ from jaxshroud.march.method import Choices
 from jaxshroud.model.prepared import State
 from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, worked_out
 from jaxshroud.scene.keys import find_key, number_shape
-from jaxshroud.scene.numbers import given_of, numbers_of
+from jaxshroud.scene.numbers import field_of, given_of, numbers_of
 from jaxshroud.scene.scene import Scene, without_given
 
 
@@ -221,5 +221,5 @@ def direction(scene: Scene, key: str) -> Scene:
 
     rates = jax.jvp(dependent, (old,), (unit,))[1] if given else {}
     rates |= {} if holder is given else {row.name: unit}
-    places = lambda s: [getattr(getattr(s, table), name) for table, name in (name.split(".") for name in rates)]
+    places = lambda s: [field_of(s, name) for name in rates]
     return eqx.tree_at(places, jax.tree.map(np.zeros_like, without_given(scene)), list(rates.values()))

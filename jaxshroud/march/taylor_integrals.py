@@ -14,7 +14,7 @@ from jaxshroud.march.taylor_expansion import TaylorExpansion
 from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where
 from jaxshroud.model.contact_law import ContactLoads, LinearLaw
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.prepared import State
+from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import Ledger, Means, Moments, mean_square
 from jaxshroud.model.series import Series, polynomial_value
 
@@ -22,14 +22,16 @@ EXTRA_WORK_TERMS = 4  # further terms of the works: without them the error of sq
 TESTED_TOLERANCES = np.geomspace(*TOLERANCE_RANGE, 16)
 
 
-def integrated_squares(expansion: TaylorExpansion, order: int, s: Scalar, gyration: Scalar) -> Pair:
+def integrated_squares(expansion: TaylorExpansion, order: int, s: Scalar, model: Model) -> Pair:
     """The mean squares of the displacements, integrated over `s` radians."""
     pose, total = expansion.pose, (ABSENT, ABSENT)
     mean = lambda a: a if is_absent(a) else polynomial_value(_integrated(a, order), s) / where(s > 0, s, 1.0)
-    versine = tuple(map(mean, pose.versine))  # which enters linearly
+    versine = tuple(map(mean, pose.versine))  # which enters linearly, as the sine does
+    sine = pose.sin if model.static is None else tuple(map(mean, pose.sin))
     for t, weight in zip(*lobatto_rule_for(order), strict=True):
         x, y = (tuple(_at_node(a, order, s, t) for a in pair) for pair in (pose.x, pose.y))
-        squares = mean_square(pose._replace(x=x, y=y, versine=versine), gyration)
+        at = pose._replace(x=x, y=y, sin=sine, versine=versine)
+        squares = mean_square(at, model.gyration, model.static)
         total = total[0] + weight * squares[0], total[1] + weight * squares[1]
     left, right = (a if is_absent(a) else a * s * expansion.unit for a in total)
     return left, right

@@ -128,7 +128,7 @@ def trial_and_series(lane: Lane, fixed: Fixed[Model], method: Choices) -> tuple[
     if not method.derivative:
         found = _found_in_trial(expansion, s, lane, event, kind, fixed, method)
     gain = Integrals(
-        integrated_squares(expansion, order, s, fixed.model.gyration),
+        integrated_squares(expansion, order, s, fixed.model),
         integrated_works(expansion, order, s),
         integrated_moments(expansion, order, s) if method.amplitudes else None,
         integrated_loads(expansion, order, s, lane.state, linear_law(fixed.model.law)) if method.forces else None,

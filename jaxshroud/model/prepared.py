@@ -11,7 +11,7 @@ from jaxshroud.model.blade import InverseMasses, LumpedBlade, lumped_blades
 from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.drive import Excitation, excitation
 from jaxshroud.model.geometry import Corners, corners, gyration
-from jaxshroud.model.linear import free_reach, steady_amplitudes
+from jaxshroud.model.linear import StaticPosition, free_reach, static_position, steady_amplitudes
 from jaxshroud.model.smooth_contact import SmoothContact
 from jaxshroud.model.spring_contact import BilinearContact, NoContact, SpringContact
 from jaxshroud.model.user_contact import UserContact
@@ -60,6 +60,7 @@ class Model(eqx.Module):
     drive: Excitation
     gyration: Scalar  # J_A / A [m^2]
     mobility: Mobility
+    static: StaticPosition | None  # from which power is measured; None: from rest
     reading: frozenset[str] = eqx.field(static=True)
     parts: Parts = eqx.field(static=True)
 
@@ -69,7 +70,8 @@ def prepared_model(scene: Scene) -> Model:
     s, drive, reading = scene.shroud, excitation(scene.drive), scene.contact.reading
     block, law, size = corners(s, reading), prepared_law(scene), gyration(s)
     blades, block, drive, size = as_pairs((lumped_blades(scene.blades), block, drive, size))
-    return Model(blades, block, law, drive, size, _mobility(scene), reading, scene.parts)
+    static = as_pairs(static_position(scene))
+    return Model(blades, block, law, drive, size, _mobility(scene), static, reading, scene.parts)
 
 
 def _mobility(scene: Scene) -> Mobility:

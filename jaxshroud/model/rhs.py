@@ -19,6 +19,7 @@ from jaxshroud.model.interface import (
     placement,
     torques_along_face,
 )
+from jaxshroud.model.linear import StaticPosition, about_static
 from jaxshroud.model.modes import FLAT
 from jaxshroud.model.prepared import Model, State, has_torsion
 from jaxshroud.scene.keys import Motion
@@ -104,18 +105,27 @@ def end_torques_under(
     return torques_along_face(model.mobility.joint * (left - right), loaded.forces, at, state, model)
 
 
-def blade_mean_square(x: Scalar, y: Scalar, versine: Scalar, gyration: Scalar) -> Scalar:
+def blade_mean_square(
+    x: Scalar, y: Scalar, sine: Scalar, versine: Scalar, gyration: Scalar, static: StaticPosition | None
+) -> Scalar:
     """The square displacement averaged over a block: x^2 + y^2 + 4 (J_A/A) sin^2(theta/2) [m^2].
+
+    With mean loads it is that from the static position of this blade.
 
     Source:
         Eqs. (22), (23): over a centrally symmetric block the cross terms vanish, so no area quadrature is needed.
     """
+    if static is not None:
+        x, y = (a if is_absent(a) else a - at for a, at in ((x, static.x), (y, static.y)))
+        if not is_absent(versine):
+            versine = about_static((x, y, sine, versine), static)[3]
     return x**2 + y**2 + gyration * 2 * versine
 
 
-def mean_square(q: Pose, gyration: Scalar) -> Pair:
+def mean_square(q: Pose, gyration: Scalar, static: StaticPosition | None) -> Pair:
     """`blade_mean_square` of both blocks."""
-    left, right = (blade_mean_square(q.x[i], q.y[i], q.versine[i], gyration) for i in (0, 1))
+    of = lambda i: (q.x[i], q.y[i], q.sin[i], q.versine[i], gyration, *of_blade(i, static))
+    left, right = (blade_mean_square(*of(i)) for i in (0, 1))
     return left, right
 
 
@@ -194,7 +204,7 @@ def rhs_at(
         a = a._replace(theta=theta)
     q = place.pose
     means = left_position(q) if recorded.means else None
-    integrals = Integrals(mean_square(q, model.gyration), ledger, moments, contact.loads, means)
+    integrals = Integrals(mean_square(q, model.gyration, model.static), ledger, moments, contact.loads, means)
     return StateDerivative(a, contact.u_s), integrals
 
 

@@ -13,10 +13,11 @@ from jaxshroud.batch.tangents import Tangents
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import Choices
 from jaxshroud.model.geometry import gyration_of_sides
-from jaxshroud.model.linear import power_reduction, vibration_square
+from jaxshroud.model.linear import StaticPosition, about_static, power_reduction, vibration_square
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.averages import closed_forms
+from jaxshroud.motion.vibration import static_positions
 from jaxshroud.scene.scene import Scene, without_given
 
 # The promised relative errors of derivatives; an orbit for which they cannot be kept is ill conditioned.
@@ -171,7 +172,9 @@ def vibration_reduction(scene: Scene, tangents: Tangents, area: float, P_0: np.n
     if tangents.means is None:
         return float("nan")
     gyration = gyration_of_sides(float(scene.shroud.l_oa), float(scene.shroud.l_ab))
-    square = vibration_square(tangents.power[: tangents.means.shape[-1]], tangents.means, gyration)
+    at = static_positions(repeat_lane(without_given(scene), 1))
+    means = about_static(tangents.means, at and StaticPosition(*(a[0, 0] for a in at)))
+    square = vibration_square(tangents.power[: tangents.means.shape[-1]], means, gyration)
     return reduction_of(scene, area * square, P_0)
 
 

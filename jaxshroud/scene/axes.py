@@ -6,10 +6,11 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from jaxshroud.scene.checks import MAX_VALUES
-from jaxshroud.scene.derived_inputs import check_known
+from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, check_known
 from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.scene.keys import ANY, Key, find_key
 from jaxshroud.scene.messages import fail, problem_text, toml_text
+from jaxshroud.scene.optional import require_number
 from jaxshroud.scene.overrides import check_is_no_speed, literal
 from jaxshroud.scene.schema import SweepTable, number_type
 
@@ -81,6 +82,9 @@ def _known_row(scene_file: SceneFile, key: str, where: str) -> Key:
     """The row of a key, which the scene has."""
     row, _ = find_key(key, where, scene_file.layout)
     check_known(key, scene_file.given, where, scene_file.layout)
+    if row.name not in (*DERIVED_BY_KEY, "contact.width"):  # whose cure is to add both of its words
+        present = [f"{table}.{name}" for table, part in scene_file.tables.items() for name in part]
+        require_number(row.name, present, where)
     return row
 
 

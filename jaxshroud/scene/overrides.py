@@ -6,14 +6,15 @@ from collections.abc import Callable
 from typing import Any
 
 from jaxshroud.scene.derived_inputs import alternative_keys
-from jaxshroud.scene.keys import ALL_KEYS, KEYS, find_key, list_words, number_shape
+from jaxshroud.scene.keys import ALL_KEYS, HARMONIC_ENTRY, KEYS, find_key, list_words, number_shape
 from jaxshroud.scene.layout import Layout, layout_with
 from jaxshroud.scene.messages import fail, toml_text
+from jaxshroud.scene.optional import require_number
 from jaxshroud.scene.replacing import STIFFNESS_KEYS
 from jaxshroud.scene.schema import TABLE_MODELS, RowTable, row_table_of
 from jaxshroud.scene.units import is_speed_of_rotation
 
-OVERRIDE = re.compile(r"\s*([a-z]+)\.(\w+)(?:\[(0|[1-9]\d{0,3})\])?\s*=\s*(\S.*?)\s*")
+OVERRIDE = re.compile(r"\s*([a-z]+)\.(\w+|harmonic\[\d+\]\.\w+)(?:\[(0|[1-9]\d{0,3})\])?\s*=\s*(\S.*?)\s*")
 WORDS = re.compile(r"[a-zA-Z_][\w.]*(\s*,\s*[a-zA-Z_][\w.]*)+")
 BRACKETS = re.compile(r"\[[^\[\]\"'{}]+\]")
 # Setting the left key drops the right ones, which say the same.
@@ -75,6 +76,8 @@ def override(document: dict[str, Any], text: str) -> tuple[str, str]:
     rows = document.setdefault(table, {})
     if not isinstance(rows, dict):
         return "", ""  # an error of the file, which is reported later
+    if HARMONIC_ENTRY.fullmatch(name):
+        require_number(f"{table}.{name}", [f"{table}.{other}" for other in rows], "--set")
     if match[3] is not None:
         value = _list_with(rows, table, name, int(match[3]), value, row)
         if value is None:
@@ -82,10 +85,17 @@ def override(document: dict[str, Any], text: str) -> tuple[str, str]:
     check_is_no_speed("--set", f"{table}.{name}", value, rows.get("engine_order"))
     rows[name] = value
     alternatives = [tuple(key.split(".")) for key in alternative_keys(f"{table}.{name}", layout_with(row))]
-    for rival_table, rival_key in [*EXCLUSIVE_KEYS.get((table, name), []), *alternatives]:
+    for rival_table, rival_key in [*EXCLUSIVE_KEYS.get((table, name), []), *_other_order(table, name), *alternatives]:
         if isinstance(document.get(rival_table), dict):
             document[rival_table].pop(rival_key, None)
     return table, name
+
+
+def _other_order(table: str, name: str) -> list[tuple[str, str]]:
+    """The other way to give the order of a harmonic."""
+    stem, _, last = name.rpartition(".")
+    other = {"order": "engine_order", "engine_order": "order"}.get(last) if stem else None
+    return [(table, f"{stem}.{other}")] if other else []
 
 
 def _list_with(
@@ -121,4 +131,5 @@ def _old_value(rows: dict[str, Any], table: str, name: str, row: RowTable | None
     """What a table gives for a key, or what stands for it; None where there is nothing."""
     if row is not None and (table, name) == ("row", "mistuning"):
         return list(row.mistuning)
-    return rows.get(name, rows.get("m") if name == "m_y" else 0.0 if table == "initial" else None)
+    is_zero = table == "initial" or HARMONIC_ENTRY.fullmatch(name)
+    return rows.get(name, rows.get("m") if name == "m_y" else 0.0 if is_zero else None)

@@ -11,20 +11,23 @@ from jaxtyping import ArrayLike
 from jaxshroud.scene.blades import BladeMatrices, Blades
 from jaxshroud.scene.capabilities import require_parts
 from jaxshroud.scene.checks import InputError, type_argument, word_argument
-from jaxshroud.scene.drive import Drive
+from jaxshroud.scene.drive import Drive, Harmonic
 from jaxshroud.scene.fields import PerBlade, per_blade, scalar
 from jaxshroud.scene.keys import (
     ALL_KEYS,
     AT_REST,
+    HARMONIC_ENTRY,
     MAX_BLADES,
     MIN_BLADES,
     ROW_KEYS,
+    SINGLE_LOADS,
     Motion,
     key_in,
     number_shape,
 )
 from jaxshroud.scene.laws import FrictionLaw, Laws, NormalLaw, Number, with_checked_shapes
 from jaxshroud.scene.layout import Layout, layout_with, row_layout
+from jaxshroud.scene.optional import harmonic_count
 from jaxshroud.scene.parts import Parts, misprints
 from jaxshroud.scene.typed import short_repr, typed
 from jaxshroud.scene.valid import KEYS_BY_TABLE, check_number, check_numbers, check_shape
@@ -173,6 +176,8 @@ class Scene(eqx.Module):
                 value = getattr(getattr(self, table), name)
                 if value is not None:
                     check_shape(key, value, self.layout)
+        for name, value in self.drive.of_harmonics().items():
+            check_shape(ALL_KEYS[f"drive.{name}"], value, self.layout)
 
     @property
     def k(self) -> Number:
@@ -223,12 +228,21 @@ def scene_of(tables: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]) 
         Shroud(**tables["shroud"]),
         Contact(**{"k": None, "gamma": None, **tables["contact"]}),
         Friction(**tables["friction"]),
-        Drive(**tables["drive"]),
+        _drive_of(tables["drive"]),
         Motion(**tables["initial"]),
         Parts(**{**parts, "motion": tuple(parts["motion"])}),
         given=given,  # pyright: ignore[reportArgumentType]
         row=row,
     )
+
+
+def _drive_of(entries: Mapping[str, Any]) -> Drive:
+    """The drive from the entries of its table, those of its harmonics among them."""
+    plain = {name: value for name, value in entries.items() if not HARMONIC_ENTRY.fullmatch(name)}
+    of: list[dict[str, Any]] = [{} for _ in range(harmonic_count(entries))]
+    for match in filter(None, map(HARMONIC_ENTRY.fullmatch, entries)):
+        of[int(match["index"])][match["name"]] = entries[match.string]
+    return Drive(**{**dict.fromkeys(SINGLE_LOADS), **plain}, harmonic=tuple(Harmonic(**one) for one in of) or None)
 
 
 def _for_layout(key: str, value: Any, layout: Layout) -> Any:

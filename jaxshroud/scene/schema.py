@@ -5,6 +5,7 @@ Pydantic checks the structure; the numbers are those of `keys`, the words those 
 
 # pyright: reportInvalidTypeForm=false
 # The types are made from the table of keys, which pyright cannot follow.
+from collections.abc import Collection, Sequence
 from functools import lru_cache, partial
 from typing import Annotated, Any, Literal
 
@@ -27,10 +28,14 @@ from pydantic_core import PydanticCustomError
 from jaxshroud.scene.capabilities import require_parts
 from jaxshroud.scene.checks import DEFAULT_TRANSIENT, MAX_AUTO_STEPS, MAX_COUNT, did_you_mean
 from jaxshroud.scene.keys import (
+    ALL_KEYS,
     FROM_0,
+    HARMONIC_KEYS,
     MAX_BLADES,
+    MAX_ORDER,
     MIN_BLADES,
     ROW_KEYS,
+    SINGLE_LOADS,
     Key,
     Range,
     keys_of_table,
@@ -98,10 +103,27 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-def _number_table(table: str, layout: Layout, **further: Any) -> type[Table]:
-    """The model of a table of numbers with `further` fields."""
-    fields: dict[str, Any] = {n.parts[1]: (_entry(n, layout), _default(n, layout)) for n in keys_of_table(table)}
-    return create_model(f"{table.title()}Table", __base__=Table, **fields, **further)
+def _number_table(table: str, layout: Layout, without: Collection[str] = (), **further: Any) -> type[Table]:
+    """The model of a table of numbers with `further` fields, and `without` some."""
+    rows = [row for row in keys_of_table(table) if row.parts[1] not in without]
+    return create_model(f"{table.title()}Table", __base__=Table, **_fields(rows, layout), **further)
+
+
+def _fields(rows: Sequence[Key], layout: Layout) -> dict[str, Any]:
+    """The fields of numbers by their names in a table."""
+    return {n.parts[1]: (_entry(n, layout), _default(n, layout)) for n in rows}
+
+
+def _drive_table(layout: Layout, harmonics: int) -> type[Table]:
+    """The model of a [drive] with so many harmonics in tables of their own; 0: the only one is its own."""
+    if not harmonics:
+        return _number_table("drive", layout)
+    order = Annotated[
+        int, Field(strict=True, ge=1, le=MAX_ORDER), key("order of the harmonic, a multiple of drive.omega", 2)
+    ]
+    rows = [ALL_KEYS[f"drive.harmonic[{i}].{name}"] for i in range(harmonics) for name in HARMONIC_KEYS]
+    orders: dict[str, Any] = {f"harmonic[{i}].order": (order, ...) for i in range(harmonics)}
+    return _number_table("drive", layout, SINGLE_LOADS, **orders, **_fields(rows, layout))
 
 
 MISTUNING = ROW_KEYS["row.mistuning"]
@@ -269,12 +291,14 @@ TITLE = Annotated[str, key("what the scene shows, in one line", "Fig. 9", patter
 
 
 @lru_cache(maxsize=16)
-def _table_models(layout: Layout) -> dict[str, type[Table]]:
-    """The models of all tables of a file."""
+def table_models(layout: Layout, harmonics: int) -> dict[str, type[Table]]:
+    """The models of all tables of a file whose drive has so many harmonics in tables of their own."""
     return {
         **{table: _number_table(table, layout) for table in ("blades", "shroud")},
         "contact": _number_table("contact", layout, reading=READING),
-        **{table: _number_table(table, layout) for table in ("friction", "drive", "initial")},
+        "friction": _number_table("friction", layout),
+        "drive": _drive_table(layout, harmonics),
+        "initial": _number_table("initial", layout),
         "parts": PartsTable,
         "run": RunTable,
         "sweep": SweepTable,
@@ -282,7 +306,7 @@ def _table_models(layout: Layout) -> dict[str, type[Table]]:
     }
 
 
-TABLE_MODELS = _table_models(PAIR)
+TABLE_MODELS = table_models(PAIR, 0)
 PHYSICS_TABLES = tuple(TABLE_MODELS)[:7]
 ROW_TYPE: TypeAdapter[Any] = TypeAdapter(create_model("FileWithRow", row=(RowTable | None, None)))  # of any file
 
@@ -296,9 +320,9 @@ def row_table_of(document: dict[str, Any]) -> RowTable | None:
 
 
 @lru_cache(maxsize=16)
-def scene_file_type(layout: Layout) -> Any:
+def scene_file_type(layout: Layout, harmonics: int) -> Any:
     """The pydantic type of a file."""
-    models = _table_models(layout)
+    models = table_models(layout, harmonics)
     fields: dict[str, Any] = {
         "title": (TITLE, ""),
         **{table: (model, ...) for table, model in models.items()},

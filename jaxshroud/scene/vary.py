@@ -13,7 +13,7 @@ from jaxshroud.scene.checks import InputError, KeyNameError, SceneError
 from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, check_independent, check_known, inputs_by_key, inputs_in
 from jaxshroud.scene.keys import ALL_KEYS, KEYS, find_key, number_shape
 from jaxshroud.scene.numbers import expressed_by, fields_of, given_of, numbers_of, replaced
-from jaxshroud.scene.replacing import NO_WIDTH
+from jaxshroud.scene.optional import require_number, standing_for
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import check_number
@@ -29,13 +29,13 @@ def _named_number(scene: Scene, name: str) -> Any:
     """
     if name in DERIVED_BY_KEY:
         return _input_of(scene, name)
-    if name == "contact.width" and scene.contact.width is None:
-        raise KeyNameError(NO_WIDTH)
     if name == "contact.k":
         return scene.k
     if name == "contact.gamma":
         return scene.k / scene.left_k_x
-    return fields_of(scene).get(name, scene.blades.m)  # for a mass in y that is not there
+    numbers = fields_of(scene)
+    require_number(name, numbers)
+    return numbers[name] if name in numbers else standing_for(name, numbers)
 
 
 def _input_of(scene: Scene, name: str) -> Any:

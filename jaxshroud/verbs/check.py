@@ -48,7 +48,8 @@ def check(
     Args:
         scene: One scene, or a scene file.
         engine_orders: Engine orders whose crossings with natural frequencies are told; by default the scene's own and
-            1 to 6. Where the scene tells only the frequency of its drive, its own is the first one, by default 1.
+            1 to 6. Where the scene tells only the frequency of its drive, its own is the first one, by default 1. Those
+            of all harmonics of the drive are among them.
         start: Where the range of speeds begins [rad/s].
         stop: Where it ends; by default beyond the scene's own speed and the lowest natural frequencies.
 
@@ -76,16 +77,18 @@ def check(
     arrays = jax.tree.map(np.asarray, scene)
     free, k, gyration_of_block, lever, system, load = jax.tree.map(np.asarray, _free_and_touching(scene))
     b, s = arrays.mistuned_blades, arrays.shroud
-    gaps, k = np.atleast_1d(s.gap), np.atleast_1d(k)
+    k = np.atleast_1d(k)
+    gaps = np.atleast_1d(s.gap) - _closed_by_mean_loads(free, float(s.alpha), np.size(s.gap))
     across, along = _relative_motions(free, float(s.alpha), len(gaps))
     nearest = int(np.argmax(across))
     modes = modes_of(arrays, k, system, load)
     sheet = DataSheet(
         coordinates=_free_coordinates(arrays, free),
         drive=float(arrays.drive.omega) / RAD_PER_CYCLE,
-        gap=float(gaps.min()),
+        gap=float(np.min(s.gap)),
+        **({"static_gaps": _floats(gaps)} if 0 in free else {}),
         approach=float(across[nearest]) / math.sin(s.alpha),
-        corner=_floats(lever * free_reach(free, "theta")),
+        corner=_floats(lever * free_reach(_without_mean(free), "theta")),
         inertia=_floats(b.I / (b.m * gyration_of_block)),
         gamma=float(k[0] / arrays.blades.k_x[0]),
         omega_max=stiffest(scene, 0)[0],
@@ -118,6 +121,9 @@ def _over_speed(
     own, omega = engine_order_of(scene), float(scene.drive.omega)
     orders = _checked_orders(given, own)
     drive_order = own or orders[0]
+    excited = [n for n in scene.drive.harmonics() if n > 0]
+    if excited != [1]:
+        orders = list(dict.fromkeys([*orders, *(n * drive_order for n in excited)]))
     speed = omega / drive_order
     reached = modes if scene.row is None else [mode for mode in modes if mode.driven > LEAST_DRIVEN] or modes
     stop = _end_of_range(reached, omega, speed) if stop is None else float(stop)
@@ -126,6 +132,7 @@ def _over_speed(
     orders = tuple(sorted(orders))
     return {
         **{"drive_order": drive_order, "is_own_order": own is not None, "engine_orders": orders},
+        "harmonics": tuple(excited),
         **{"speed": speed, "start": float(start), "stop": stop},
         "crossings": crossings_between(modes, orders, speed, start, stop, scene.layout),
     }
@@ -149,8 +156,22 @@ def _relative_motions(free: dict[int, Amplitudes], alpha: float, interfaces: int
 
     Those of all harmonics of the drive are added.
     """
-    across, along = np.sum([_relative_amplitudes(one, alpha, interfaces) for one in free.values()], axis=0)
+    sines = _without_mean(free).values()
+    across, along = np.sum([_relative_amplitudes(one, alpha, interfaces) for one in sines], axis=0)
     return across, along
+
+
+def _without_mean(free: dict[int, Amplitudes]) -> dict[int, Amplitudes]:
+    """The amplitudes without the static displacement under mean loads."""
+    return {n: one for n, one in free.items() if n > 0}
+
+
+def _closed_by_mean_loads(free: dict[int, Amplitudes], alpha: float, interfaces: int) -> np.ndarray:
+    """By how much mean loads reduce each gap without contact and rotation [m], (interfaces,)."""
+    if 0 not in free:
+        return np.zeros(interfaces)
+    x, y = (np.imag(a) - np.roll(np.imag(a), -1) for a in (free[0].x, free[0].y))
+    return np.asarray(x - y / math.tan(alpha))[:interfaces]
 
 
 def _relative_amplitudes(free: Amplitudes, alpha: float, interfaces: int) -> tuple[np.ndarray, np.ndarray]:
@@ -195,9 +216,10 @@ def _end_of_range(modes: Sequence[NaturalMode], omega: float, speed: float) -> f
 
 
 def _free_coordinates(arrays: Scene, free: dict[int, Amplitudes]) -> dict[str, Coordinate]:
-    b, load = arrays.mistuned_blades, arrays.drive.largest_load
+    b, sines = arrays.mistuned_blades, [one for n, one in arrays.drive.harmonics().items() if n > 0]
+    load, moving = lambda name: np.sum([abs(one.load(name)) for one in sines], axis=0), _without_mean(free)
     oscillators = {"x": (b.m, b.c_x, b.k_x), "y": (b.inertia_y, b.c_y, b.k_y), "theta": (b.I, b.c_T, b.k_T)}
-    return {name: _coordinate(oscillators[name], load(name), free_reach(free, name)) for name in arrays.parts.motion}
+    return {name: _coordinate(oscillators[name], load(name), free_reach(moving, name)) for name in arrays.parts.motion}
 
 
 def _coordinate(oscillator: tuple[Any, Any, Any], load: np.ndarray, amplitude: np.ndarray) -> Coordinate:

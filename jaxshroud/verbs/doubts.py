@@ -33,6 +33,7 @@ def doubts_of(sheet: DataSheet, scene: Scene) -> Iterator[str]:
     yield from _damping_doubts(sheet)
     yield from _resonance_doubts(sheet)
     if scene.parts.contact != "none":
+        yield from _mean_load_doubts(sheet)
         yield from _interference_doubts(sheet)
         yield from _doubts_of_interfaces(sheet, float(scene.shroud.l_ab))
 
@@ -65,6 +66,14 @@ def _amplitude_doubts(sheet: DataSheet, side: float) -> Iterator[str]:
         yield f"{MOTION_NAMES[name]}: a free block moves by {reach}: check F_0 and the damping"
 
 
+def _mean_load_doubts(sheet: DataSheet) -> Iterator[str]:
+    """Mean loads that part the faces of every interface."""
+    reach = sheet.approach + 2 * max(sheet.corner)
+    if sheet.static_gaps and min(sheet.static_gaps) > reach:
+        opened = f"{min(sheet.static_gaps) * 1e3:.3g} mm, and the free faces approach by {reach * 1e3:.3g} mm"
+        yield f"under the mean loads every contact is open: the least gap is {opened}; check their signs"
+
+
 def _interference_doubts(sheet: DataSheet) -> Iterator[str]:
     """Interference that displaces a block by more than a tenth of its free amplitude."""
     bent = [sheet.coordinates[name].amplitude for name in ("x", "y") if name in sheet.coordinates]
@@ -74,7 +83,8 @@ def _interference_doubts(sheet: DataSheet) -> Iterator[str]:
         at = int(np.argmax(np.where(beyond, pressed, 0.0)))
         share = f"{100 * pressed[at] / free[at]:.3g} % of its free amplitude" if free[at] else "which nothing drives"
         yield (
-            f"interference alone displaces a block by {pressed[at] * 1e3:.3g} mm, {share}: P_d counts that as "
+            f"{'mean loads press' if sheet.static_gaps else 'interference alone displaces'} a block "
+            f"{'aside ' if sheet.static_gaps else ''}by {pressed[at] * 1e3:.3g} mm, {share}: P_d counts that as "
             "vibration, P_d_vibration does not"
         )
 
@@ -95,10 +105,12 @@ def _resonance_doubts(sheet: DataSheet) -> Iterator[str]:
     )
     is_free = lambda mode: any(np.isclose(mode.frequency, other.frequency, SAME_FREQUENCY, 0) for other in apart)
     for modes in (apart, [mode for mode in stuck if not is_free(mode)]):
-        yield from _resonance_doubt(sheet.drive, modes)
+        for order in sheet.harmonics:
+            name = "the drive" if order == 1 else f"harmonic {order} of the drive"
+            yield from _resonance_doubt(name, order * sheet.drive, modes)
 
 
-def _resonance_doubt(drive: float, modes: Sequence[NaturalMode]) -> Iterator[str]:
+def _resonance_doubt(which: str, drive: float, modes: Sequence[NaturalMode]) -> Iterator[str]:
     nearest = min(modes, key=lambda mode: abs(np.log(drive / mode.frequency)), default=None)
     if nearest is None:
         return
@@ -106,10 +118,10 @@ def _resonance_doubt(drive: float, modes: Sequence[NaturalMode]) -> Iterator[str
     if abs(margin) <= nearest.zeta < OVERDAMPED:
         band = f"half-power band, {2 * nearest.zeta:.2g} of the frequency"
         limit = "damping alone limits" if nearest.zeta else "nothing but contact limits"
-        yield f"the drive is at the resonance of {name}, within its {band}: {limit} the motion"
+        yield f"{which} is at the resonance of {name}, within its {band}: {limit} the motion"
     elif abs(margin) < MIN_MARGIN:
         side = "above" if margin > 0 else "below"
-        yield f"the drive is {100 * abs(margin):.2g} % {side} {name}: small changes of either decide the motion"
+        yield f"{which} is {100 * abs(margin):.2g} % {side} {name}: small changes of either decide the motion"
 
 
 def _doubts_of_interfaces(sheet: DataSheet, face: float) -> Iterator[str]:
@@ -134,5 +146,7 @@ def _contact_doubts(sheet: DataSheet, face: float) -> Iterator[str]:
     if MAX_SLIDE_FACES * face < sheet.slide < np.inf:
         slid = f"{sheet.slide * 1e3:.3g} mm, {sheet.slide / face:.2g} of their length"
         yield f"the free faces slide by {slid}: they pass each other's ends, where contact is taken to go on"
+    if sheet.static_gaps:
+        return
     if sheet.gap > sheet.approach + sum(sheet.corner):
         yield "the free blades do not come near enough to touch: contact, if any, comes from the start alone"
