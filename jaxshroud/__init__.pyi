@@ -84,6 +84,7 @@ from .scene.scene import Friction as Friction
 from .scene.scene import Row as Row
 from .scene.scene import Scene as Scene
 from .scene.scene import Shroud as Shroud
+from .scene.scene import with_contact_law as with_contact_law
 from .scene.scene import with_laws as with_laws
 from .scene.shipped import shipped as shipped
 from .scene.vary import value_of as value_of

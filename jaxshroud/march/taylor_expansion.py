@@ -19,7 +19,7 @@ from jaxshroud.model.interface import EndTorques, Placement, placement
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
 from jaxshroud.model.rhs import Ledger, Recorded, end_torques_under, rhs, rhs_at
-from jaxshroud.model.series import Series, rate_of, truncated
+from jaxshroud.model.series import Series, of_each, rate_of, truncated
 from jaxshroud.scene.keys import Motion
 
 RADIANS_PER_TURN = 2 * math.pi
@@ -73,13 +73,7 @@ def taylor_expansion(lane: Lane, fixed: Fixed[Model], order: int, ledger: bool) 
 
 def without_derivatives(expansion: TaylorExpansion) -> TaylorExpansion:
     """The same numbers without derivatives."""
-
-    def without(a: Any) -> Any:
-        if isinstance(a, Series):
-            return a.of_each(lax.stop_gradient)
-        return a if isinstance(a, int) else lax.stop_gradient(a)
-
-    return jax.tree.map(without, expansion)
+    return jax.tree.map(lambda a: a if isinstance(a, int) else of_each(a, lax.stop_gradient), expansion)
 
 
 def per_radian(model: Model, unit: Scalar) -> Model:

@@ -12,7 +12,6 @@ several points can have one law.
 from abc import abstractmethod
 from typing import Any, ClassVar, NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
@@ -29,6 +28,7 @@ from jaxshroud.model.geometry import (
 )
 from jaxshroud.model.modes import Mode
 from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.laws import SceneLaw
 
 Slider = Any  # a scalar, or the state z of user laws, of any shape
 Modes = Int[Array, "..."]  # see `Mode`
@@ -84,9 +84,12 @@ class FrictionGuard(NamedTuple):
     slip_path: Scalar  # in slip the path of the slider, an integral of the guard; else 0
 
 
-class ContactLaw(eqx.Module):
-    """A law of contact."""
+class ContactLaw(SceneLaw):
+    """A law of contact; what it can do is told by its class, and known without its numbers."""
 
+    called: ClassVar[str] = "own laws"  # in messages
+    by_series: ClassVar[bool] = False  # power series march it
+    is_examined: ClassVar[bool] = False  # the accuracy of its marches is, and can be asked for
     has_events: ClassVar[bool] = True  # contact begins, ends and changes its case by events, and may be flat
     has_stick: ClassVar[bool] = False  # friction sticks and slips, with events in between
     flows: ClassVar[bool] = False  # its slider, or internal state, is integrated with the motion
@@ -197,6 +200,8 @@ class ContactLaw(eqx.Module):
 
 class LinearLaw(ContactLaw):
     """A law whose forces are linear in v and u within a mode. Power series march it; see `linear_law`."""
+
+    by_series: ClassVar[bool] = True
 
     @property
     def stiffnesses(self) -> tuple[Any, ...]:

@@ -1,5 +1,6 @@
 """A scene prepared for stepping, with all that can be computed once per lane, and the state that it steps."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -16,7 +17,8 @@ from jaxshroud.model.smooth_contact import SmoothContact
 from jaxshroud.model.spring_contact import BilinearContact, NoContact, SpringContact
 from jaxshroud.model.user_contact import UserContact
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.parts import Parts
+from jaxshroud.scene.laws import Laws
+from jaxshroud.scene.parts import ContactPart, Parts
 from jaxshroud.scene.scene import Scene
 
 
@@ -80,18 +82,53 @@ def _mobility(scene: Scene) -> Mobility:
     return Mobility(InverseMasses(of("x", b.m), of("y", b.inertia_y), of("theta", b.I)), share, joint)
 
 
+def _spring_contact(scene: Scene) -> ContactLaw:
+    k, rubs = scene.k, scene.parts.friction != "none"
+    return BilinearContact(k, *_friction_element(k, scene)) if rubs else SpringContact(k)
+
+
+def _smooth_contact(scene: Scene) -> ContactLaw:
+    k, width, element = scene.k, scene.contact.width, (ABSENT, ABSENT, ABSENT)
+    assert width is not None  # which scenes with smooth contact have
+    haste = _free_speed(scene) / width
+    element = element if scene.parts.friction == "none" else _friction_element(k, scene)
+    return SmoothContact(k, *element, width, haste)
+
+
+def _own_contact(scene: Scene) -> ContactLaw:
+    if isinstance(scene.laws, Laws):
+        return UserContact(scene.k, scene.friction.k_d, scene.laws)
+    assert isinstance(scene.laws, ContactLaw)
+    return scene.laws
+
+
+def _kind_of_own_contact(scene: Scene) -> type[ContactLaw]:
+    return type(scene.laws) if isinstance(scene.laws, ContactLaw) else UserContact
+
+
+class LawOfPart(NamedTuple):
+    """The law of contact of the scenes with one `Parts.contact`."""
+
+    made: Callable[[Scene], ContactLaw]
+    kind: Callable[[Scene], type[ContactLaw]]  # which tells what it can do
+
+
+LAWS: dict[ContactPart, LawOfPart] = {
+    "none": LawOfPart(lambda _: NoContact(), lambda _: NoContact),
+    "spring": LawOfPart(_spring_contact, lambda _: SpringContact),
+    "smooth": LawOfPart(_smooth_contact, lambda _: SmoothContact),
+    "own": LawOfPart(_own_contact, _kind_of_own_contact),
+}
+
+
 def prepared_law(scene: Scene) -> ContactLaw:
     """The law of contact of a scene."""
-    k, width = scene.k, scene.contact.width
-    if scene.parts.contact == "none":
-        return NoContact()
-    if scene.laws is not None:
-        return UserContact(k, scene.friction.k_d, scene.laws)
-    haste = ABSENT if width is None else _free_speed(scene) / width
-    friction = None if scene.parts.friction == "none" else _friction_element(k, scene)
-    if width is not None:
-        return SmoothContact(k, *(friction or (ABSENT, ABSENT, ABSENT)), width, haste)
-    return SpringContact(k) if friction is None else BilinearContact(k, *friction)
+    return LAWS[scene.parts.contact].made(scene)
+
+
+def law_type(scene: Scene) -> type[ContactLaw]:
+    """The kind of the law of contact of a scene, or of many: a class that tells what the law can do."""
+    return LAWS[scene.parts.contact].kind(scene)
 
 
 def _friction_element(k: Scalar, scene: Scene) -> tuple[Scalar, Scalar, Scalar]:

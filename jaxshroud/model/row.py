@@ -101,6 +101,7 @@ def pair_at(scene: Scene, j: Any) -> Scene:
         scene.drive.of_blades(sides),
         take(scene.initial),
         scene.parts,
+        scene.laws,
     )
 
 

@@ -29,6 +29,9 @@ from jaxshroud.model.series import Series
 class NoContact(LinearLaw):
     """Blocks that pass through each other."""
 
+    called: ClassVar[str] = "no contact"
+    marches_in_rows: ClassVar[bool] = False
+    is_examined: ClassVar[bool] = True
     has_events: ClassVar[bool] = False
 
     @property
@@ -54,6 +57,9 @@ class NoContact(LinearLaw):
 
 class SpringContact(LinearLaw):
     """The normal spring N = k v without friction."""
+
+    called: ClassVar[str] = "located contact"
+    is_examined: ClassVar[bool] = True
 
     k: Scalar  # [N/m]
 

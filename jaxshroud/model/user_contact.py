@@ -19,6 +19,7 @@ from jaxshroud.scene.laws import Laws
 class UserContact(ContactLaw):
     """User laws of contact and friction, and the largest stiffnesses that their user states for them."""
 
+    marches_in_rows: ClassVar[bool] = False
     flows: ClassVar[bool] = True
     relaxes: ClassVar[bool] = True
     jumps_at_onset: ClassVar[bool] = True

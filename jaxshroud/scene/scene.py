@@ -4,12 +4,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxshroud.scene.blades import BladeMatrices, Blades
-from jaxshroud.scene.capabilities import require_parts
+from jaxshroud.scene.capabilities import OWN_LAWS, require_capability, require_parts
 from jaxshroud.scene.checks import InputError, type_argument, word_argument
 from jaxshroud.scene.drive import Drive
 from jaxshroud.scene.fields import PerBlade, per_blade, scalar
@@ -23,7 +24,7 @@ from jaxshroud.scene.keys import (
     key_in,
     number_shape,
 )
-from jaxshroud.scene.laws import FrictionLaw, Laws, NormalLaw, Number, with_checked_shapes
+from jaxshroud.scene.laws import FrictionLaw, Laws, NormalLaw, Number, SceneLaw, with_checked_shapes
 from jaxshroud.scene.layout import Layout, layout_with, row_layout
 from jaxshroud.scene.parts import Parts, misprints
 from jaxshroud.scene.typed import short_repr, typed
@@ -143,7 +144,7 @@ class Scene(eqx.Module):
     drive: Drive
     initial: Motion = eqx.field(converter=_motion_per_blade, default=AT_REST)
     parts: Parts = eqx.field(static=True, default=Parts())
-    laws: Laws | None = None  # user laws of contact and friction
+    laws: SceneLaw | None = None  # user laws of contact and friction, or a law of contact of one's own
     given: dict[str, Any] = eqx.field(converter=_given, default_factory=dict)  # inputs by their keys
     row: Row | None = None  # None: the pair
 
@@ -161,6 +162,8 @@ class Scene(eqx.Module):
         if self.row is not None:
             type_argument("row", self.row, Row, "Row(12, closed=True)")
         require_parts(self.parts, self.contact.reading, self.layout)
+        if self.laws is not None and not self.laws.marches_in_rows:
+            require_capability(OWN_LAWS, self.layout)
         check_numbers("initial", self.initial)
         self._check_shapes()
         for key, value in self.given.items():
@@ -280,6 +283,28 @@ def with_laws(scene: Scene, normal: NormalLaw, friction: FrictionLaw | None = No
     return _with_contact(scene, contact, parts, laws)
 
 
-def _with_contact(scene: Scene, contact: Contact, parts: Parts, laws: Laws | None = None) -> Scene:
+@typed
+def with_contact_law(scene: Scene, law: SceneLaw) -> Scene:
+    """The `scene` with a law of contact of one's own in place of the contact spring and the friction element.
+
+    Runge-Kutta methods march such scenes, pairs and rows, and power series if it is a `LinearLaw`. In Python such a
+    scene is like any other; files cannot name a law.
+
+    Args:
+        scene: The scene; its reading must be consistent.
+        law: A `ContactLaw` of `jaxshroud.model.contact_law`; its numbers are those of each interface.
+
+    Raises:
+        InputError: The scene keeps misprints of the article.
+    """
+    c = scene.contact
+    if isinstance(law, Laws):
+        raise InputError("User laws of contact and friction are given by js.with_laws.")
+    numbers = jax.tree.map(lambda a: jnp.asarray(a, float), law)
+    contact, parts = Contact(c.k, c.gamma, c.reading), scene.parts._replace(contact="own")
+    return _with_contact(scene, contact, parts, numbers)
+
+
+def _with_contact(scene: Scene, contact: Contact, parts: Parts, laws: SceneLaw | None = None) -> Scene:
     s = scene
     return Scene(s.blades, s.shroud, contact, s.friction, s.drive, s.initial, parts, laws, s.given, s.row)
