@@ -79,6 +79,7 @@ from .scene.laws import FrictionLaw as FrictionLaw
 from .scene.laws import Laws as Laws
 from .scene.laws import NormalLaw as NormalLaw
 from .scene.parts import Parts as Parts
+from .scene.points import ContactPoints as ContactPoints
 from .scene.scene import Contact as Contact
 from .scene.scene import Friction as Friction
 from .scene.scene import Row as Row

@@ -15,7 +15,8 @@ from jaxshroud.march.tally import EnergyJumps, Log, Tally, no_margins
 from jaxshroud.model.arithmetic import ABSENT, Scalar, is_absent, zeros_for
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.prepared import Model, State, has_torsion
+from jaxshroud.model.points_contact import interface_mode
+from jaxshroud.model.prepared import Model, State, touches_at_corners
 from jaxshroud.model.rhs import Integrals, rhs
 from jaxshroud.scene.keys import Motion
 
@@ -44,7 +45,7 @@ def new_tally(state: State, model: Model, method: Choices) -> Tally:
     """The tally of a lane that starts from `state`."""
     zero = jnp.zeros_like(state.motion.x[0])
     _, none = zeros_for(lambda: rhs(drive_waves(zero, zero, model.drive), state, model, method.recorded))
-    jumps = EnergyJumps(zero, zero if has_torsion(model) else ABSENT) if method.ledger else None
+    jumps = EnergyJumps(zero, zero if touches_at_corners(model) else ABSENT) if method.ledger else None
     margins = no_margins(zero) if method.margins else None
     return Tally(none, jumps, None if method.derivative else _new_log(state, zero, model, method), margins)
 
@@ -67,7 +68,8 @@ def updated_tally(
 def updated_log(log: Log, trial: AcceptedTrial, method: Choices) -> Log:
     """The log after a trial."""
     (contact, blades, ending, by_series), observables = trial, observables_of(method)
-    contact = contact._replace(apart=contact.mode == Mode.APART)
+    mode = interface_mode(contact.mode)
+    contact = contact._replace(mode=mode, apart=mode == Mode.APART)
 
     def updated(one: Observable, by_series: Any) -> Any:
         before = value_in(log, one.name)

@@ -48,6 +48,7 @@ from jaxshroud.march.search import following_search, new_search
 from jaxshroud.march.tally import EnergyJumps, EventMargins, Log, Tally, no_margins
 from jaxshroud.model.arithmetic import ABSENT, ANGLE_RANGE, Scalar, is_absent, zeros_for
 from jaxshroud.model.modes import FLAT, Mode, Status
+from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.row import (
     Each,
@@ -62,7 +63,7 @@ from jaxshroud.model.row import (
 
 def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Lane:
     """A row at step 0. The first trial has length zero: it sets the guards, and a start in overlap is an onset."""
-    lanes, shape = jnp.zeros_like(jax.tree.leaves(state.motion)[0][0]), jnp.shape(state.mode)
+    lanes, shape = jnp.zeros_like(jax.tree.leaves(state.motion)[0][0]), jnp.shape(state.case)
     count, at = jnp.zeros(lanes.shape, jnp.int32), jnp.zeros(shape, lanes.dtype)
     pending = jnp.zeros(shape, bool) if method.derivative else None
     turns = jnp.zeros(shape, jnp.int32) if model.turns_by_events else None
@@ -193,7 +194,9 @@ def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -
     next_search, step = following_search(
         search._replace(turns=change.turns), lane.step, decision.fire, recheck, method.locate
     )
-    trial = RowTrial(lane.state, lane.state.mode, interval.h, end, after.motion, change, dropped, lane.step, step)
+    trial = RowTrial(
+        lane.state, interface_mode(lane.state.mode), interval.h, end, after.motion, change, dropped, lane.step, step
+    )
     tally = updated_row_tally(lane.tally, trial, model, method, each)
     limit = MAX_EVENTS_PER_STEP * len(verdict.outcome.hit)
     too_many = next_search.events > limit

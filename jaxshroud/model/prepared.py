@@ -13,6 +13,7 @@ from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.drive import Excitation, excitation
 from jaxshroud.model.geometry import Corners, corners, gyration
 from jaxshroud.model.linear import free_reach, steady_amplitudes
+from jaxshroud.model.points_contact import PointsContact
 from jaxshroud.model.smooth_contact import SmoothContact
 from jaxshroud.model.spring_contact import BilinearContact, NoContact, SpringContact
 from jaxshroud.model.user_contact import UserContact
@@ -69,7 +70,7 @@ class Model(eqx.Module):
 def prepared_model(scene: Scene) -> Model:
     """The constants of a scene."""
     s, drive, reading = scene.shroud, excitation(scene.drive), scene.contact.reading
-    block, law, size = corners(s, reading), prepared_law(scene), gyration(s)
+    block, law, size = corners(s, reading, scene.contact.points), prepared_law(scene), gyration(s)
     blades, block, drive, size = as_pairs((lumped_blades(scene.blades), block, drive, size))
     return Model(blades, block, law, drive, size, _mobility(scene), reading, scene.parts)
 
@@ -83,8 +84,24 @@ def _mobility(scene: Scene) -> Mobility:
 
 
 def _spring_contact(scene: Scene) -> ContactLaw:
-    k, rubs = scene.k, scene.parts.friction != "none"
+    k, rubs, points = scene.k, scene.parts.friction != "none", scene.contact.points
+    if points is not None:
+        shares = tuple(points.shares[m] for m in range(points.number))
+        element = _friction_element(k, scene) if rubs else None
+        return PointsContact(tuple(_spring_of_share(share, k, element) for share in shares), shares)
     return BilinearContact(k, *_friction_element(k, scene)) if rubs else SpringContact(k)
+
+
+def _spring_of_share(share: Scalar, k: Scalar, element: tuple[Scalar, Scalar, Scalar] | None) -> ContactLaw:
+    """The law of a point with a share of the stiffnesses; the lag is that of the whole."""
+    if element is None:
+        return SpringContact(share * k)
+    k_d, mu, lag = element
+    return BilinearContact(share * k, share * k_d, mu, lag)
+
+
+def _kind_of_spring_contact(scene: Scene) -> type[ContactLaw]:
+    return SpringContact if scene.contact.points is None else PointsContact
 
 
 def _smooth_contact(scene: Scene) -> ContactLaw:
@@ -115,7 +132,7 @@ class LawOfPart(NamedTuple):
 
 LAWS: dict[ContactPart, LawOfPart] = {
     "none": LawOfPart(lambda _: NoContact(), lambda _: NoContact),
-    "spring": LawOfPart(_spring_contact, lambda _: SpringContact),
+    "spring": LawOfPart(_spring_contact, _kind_of_spring_contact),
     "smooth": LawOfPart(_smooth_contact, lambda _: SmoothContact),
     "own": LawOfPart(_own_contact, _kind_of_own_contact),
 }
@@ -149,3 +166,8 @@ def _free_speed(scene: Scene) -> Scalar:
 def has_torsion(model: Model) -> bool:
     """Whether the blocks can turn."""
     return "theta" in model.parts.motion
+
+
+def touches_at_corners(model: Model) -> bool:
+    """Whether the blocks can turn and touch at a corner: contact moves from one to another, or may be flat."""
+    return has_torsion(model) and not model.law.has_points

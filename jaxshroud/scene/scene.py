@@ -27,6 +27,7 @@ from jaxshroud.scene.keys import (
 from jaxshroud.scene.laws import FrictionLaw, Laws, NormalLaw, Number, SceneLaw, with_checked_shapes
 from jaxshroud.scene.layout import Layout, layout_with, row_layout
 from jaxshroud.scene.parts import Parts, misprints
+from jaxshroud.scene.points import ContactPoints
 from jaxshroud.scene.typed import short_repr, typed
 from jaxshroud.scene.valid import KEYS_BY_TABLE, check_number, check_numbers, check_shape
 
@@ -77,8 +78,11 @@ class Contact(eqx.Module):
     gamma: Number | None = eqx.field(converter=scalar)  # k / k_x of the left blade (Sec. 3.1.1)
     reading: frozenset[str] = eqx.field(static=True, converter=_reading, default=frozenset())
     width: Number | None = eqx.field(converter=scalar, default=None)  # over which smooth contact sets in [m]
+    points: ContactPoints | None = None  # of the faces; None: a corner touches
 
     def __check_init__(self):
+        if self.points is not None:
+            type_argument("points", self.points, ContactPoints, "ContactPoints(2)")
         if (self.k is None) == (self.gamma is None):
             raise InputError("Exactly one of `k` and `gamma` must be given.")
         check_numbers("contact", self)
@@ -159,6 +163,11 @@ class Scene(eqx.Module):
             raise InputError("Smooth contact has no misprints: its `reading` must be consistent.")
         if self.parts.contact == "own" and self.contact.reading:
             raise InputError("Own laws have no misprints: the scene's `reading` must be consistent.")
+        if self.contact.points is not None and (self.contact.reading or self.parts.contact != "spring"):
+            other = "misprints (`reading`)" if self.contact.reading else f'contact = "{self.parts.contact}"'
+            raise InputError(f"Contact points go with located contact in the consistent reading, not with {other}.")
+        if self.contact.points is not None:
+            self.contact.points.check_on(self.shroud.l_ab)
         if self.row is not None:
             type_argument("row", self.row, Row, "Row(12, closed=True)")
         require_parts(self.parts, self.contact.reading, self.layout)
@@ -224,7 +233,7 @@ def scene_of(tables: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]) 
     return Scene(
         Blades(**tables["blades"]),
         Shroud(**tables["shroud"]),
-        Contact(**{"k": None, "gamma": None, **tables["contact"]}),
+        _contact_of(tables),
         Friction(**tables["friction"]),
         Drive(**tables["drive"]),
         Motion(**tables["initial"]),
@@ -232,6 +241,12 @@ def scene_of(tables: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]) 
         given=given,  # pyright: ignore[reportArgumentType]
         row=row,
     )
+
+
+def _contact_of(tables: Mapping[str, Mapping[str, Any]]) -> Contact:
+    entries = {"k": None, "gamma": None, **tables["contact"]}
+    points, shares = entries.pop("points", None), entries.pop("shares", None)
+    return Contact(**entries, points=None if points is None else ContactPoints(points, shares))
 
 
 def _for_layout(key: str, value: Any, layout: Layout) -> Any:
@@ -249,7 +264,8 @@ def without_given(scene: Scene) -> Scene:
 def with_parts(scene: Scene, parts: Parts, width: ArrayLike | None = None) -> Scene:
     """The `scene` with other model parts; smooth contact requires a `width` [m]."""
     c = scene.contact
-    contact = Contact(c.k, c.gamma, c.reading, width)  # pyright: ignore[reportArgumentType]
+    points = c.points if parts.contact == "spring" else None
+    contact = Contact(c.k, c.gamma, c.reading, width, points)  # pyright: ignore[reportArgumentType]
     return _with_contact(scene, contact, parts)
 
 
@@ -278,6 +294,7 @@ def with_laws(scene: Scene, normal: NormalLaw, friction: FrictionLaw | None = No
         >>> js.sweep(own, {"shroud.gap": [22e-6]}, n_periods=2, transient=1, method=js.RungeKutta(steps=400)).status
         array([0], dtype=int32)
     """
+    _require_corner(scene)
     contact = Contact(scene.contact.k, scene.contact.gamma, scene.contact.reading)
     parts, laws = scene.parts._replace(contact="own"), with_checked_shapes(Laws(normal, friction, z))
     return _with_contact(scene, contact, parts, laws)
@@ -300,9 +317,16 @@ def with_contact_law(scene: Scene, law: SceneLaw) -> Scene:
     c = scene.contact
     if isinstance(law, Laws):
         raise InputError("User laws of contact and friction are given by js.with_laws.")
+    _require_corner(scene)
     numbers = jax.tree.map(lambda a: jnp.asarray(a, float), law)
     contact, parts = Contact(c.k, c.gamma, c.reading), scene.parts._replace(contact="own")
     return _with_contact(scene, contact, parts, numbers)
+
+
+def _require_corner(scene: Scene) -> None:
+    """Raise an InputError if the faces of a scene have points: own laws are those of a corner so far."""
+    if scene.contact.points is not None:
+        raise InputError("Own laws of contact do not know contact points yet; drop `contact.points`.")
 
 
 def _with_contact(scene: Scene, contact: Contact, parts: Parts, laws: SceneLaw | None = None) -> Scene:

@@ -63,7 +63,8 @@ class ResolvedOptions(NamedTuple):
         """
         if state is None:
             return initial_states(lanes)
-        without_interfaces = np.ndim(state.u_s) - len(lanes.layout.interface_shape)
+        of_contact = len(lanes.layout.interface_shape) + (lanes.contact.points is not None)
+        without_interfaces = np.ndim(state.u_s) - of_contact
         shape = np.shape(state.u_s)[:without_interfaces]
         precise: State = in_precision(state, "float64" if lanes.drive.omega.dtype == float else "float32")
         if shape and shape != self.shape:
