@@ -25,7 +25,7 @@ from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.programs.kept import is_traced
-from jaxshroud.scene.capabilities import require_capability
+from jaxshroud.scene.capabilities import require_capability, require_points
 from jaxshroud.scene.checks import MAX_COUNT, InputError, count_argument
 from jaxshroud.scene.scene import PerBlade, Scene
 from jaxshroud.scene.typed import typed
@@ -108,6 +108,7 @@ def rollout(
     """
     schedule = _schedule(n_periods, every, method, most_trials)
     require_single_scene("rollout", scene)
+    require_points("rollout", scene.contact.points)
     scene, state = _in_method_precision(scene, state, schedule.method)
     require_march(scene, schedule.method)
     begin = admit(scene, state, schedule.steps, schedule.method)
@@ -164,6 +165,7 @@ def most_trials(
     """
     require_capability("`most_trials`", scene.layout)
     require_single_scene("most_trials", scene)
+    require_points("most_trials", scene.contact.points)
     schedule = _schedule(n_periods, None, method, MAX_COUNT)
     require_march(scene, schedule.method)
     schedule = schedule._replace(method=as_differentiable(schedule.method))
@@ -225,6 +227,7 @@ def period_map(
     """
     require_capability("`period_map`", scene.layout)
     require_single_scene("period_map", scene)
+    require_points("period_map", scene.contact.points)
     count_argument("n_periods", n_periods, 1)
     if most_trials is not None:
         count_argument("most_trials", most_trials, 1)

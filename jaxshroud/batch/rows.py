@@ -24,6 +24,7 @@ from jaxshroud.march.row_trial import begin_row, row_trial
 from jaxshroud.march.tally import EnergyJumps, Tally, mean_position
 from jaxshroud.model.arithmetic import ABSENT, filled
 from jaxshroud.model.modes import Status
+from jaxshroud.model.points_contact import points_last
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Ledger
 from jaxshroud.model.row import RowModel, blade_energies, blade_positions, over, pair_states, prepared_row
@@ -71,7 +72,10 @@ def carried_row(state: State, model: RowModel) -> State:
         motion = Motion(*(a if moves(name) else ABSENT for name, a in zip(Motion._fields, motion, strict=True)))
         motion = model.blades.carried(motion)
     law = model.interfaces.law
-    return State(motion, law.carried_slider(state.u_s, state.mode), law.carried_mode(state.mode), state.case)
+    u_s, mode = state.u_s, state.mode
+    if law.has_points and not isinstance(mode, tuple):
+        u_s, mode = (jnp.moveaxis(a, 1, 0) for a in (u_s, mode))  # the axis of points first
+    return State(motion, law.carried_slider(u_s, mode), law.carried_mode(mode), state.case)
 
 
 def march_rows(lanes: Lane, fixed: Fixed, method: Choices, each: EachLane, passes: Int[Array, ""] | None = None) -> Any:
@@ -107,9 +111,9 @@ def updated_slider(state: State, status: Int[Array, " lanes"], model: RowModel, 
     """A state with its sliders updated and zeros for what is absent; NaN where the status is not OK."""
     u_s = over(each, slider_position, pair_states(state, model), model.interfaces)
     z = model.blades.shroud(state.motion)
-    motion, u_s = filled(z, z.x), filled(u_s, jnp.zeros(state.mode.shape, z.x.dtype))
+    motion, u_s = filled(z, z.x), filled(u_s, jnp.zeros(state.case.shape, z.x.dtype))
     motion, u_s = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), (motion, u_s))
-    return State(motion, u_s, state.mode, state.case)
+    return State(motion, points_last(u_s, -2), points_last(state.mode, -2), state.case)
 
 
 def _begin_row_period(

@@ -21,6 +21,7 @@ from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import area, free_power, means_from_static, power_reduction, vibration_square
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
+from jaxshroud.scene.capabilities import require_points
 from jaxshroud.scene.checks import InputError, count_argument
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import PerBlade, Scene
@@ -89,6 +90,7 @@ def sweep_function(
             raise InputError(
                 "A sweep function takes scenes with one leading axis, as of js.scenes_from; or use js.rollout."
             )
+        require_points("sweep_function", scenes.contact.points)
         require_march(scenes, plan.method)
         scenes = in_precision(scenes, plan.method.precision)
         begin = initial_states(scenes) if states is None else in_precision(states, plan.method.precision)

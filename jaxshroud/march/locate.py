@@ -92,7 +92,7 @@ def guard_cubic(value: tuple, rate: tuple, integral: tuple | None, h: Scalar) ->
 def integral_of(guards: Guards, kind: int) -> Scalar:
     """The integral of a guard, 0 where it has none."""
     integral = guards.integral[kind]
-    return jnp.zeros_like(guards.value[0]) if is_absent(integral) else integral
+    return jnp.zeros_like(guards.value[kind]) if is_absent(integral) else integral
 
 
 def first_interior_maximum(start: Guards, end: Guards, h: Scalar) -> Scalar:

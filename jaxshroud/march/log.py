@@ -16,7 +16,8 @@ from jaxshroud.march.trial import AcceptedTrial
 from jaxshroud.model.arithmetic import ABSENT, Scalar, is_absent, zeros_for
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.prepared import Model, State, has_torsion
+from jaxshroud.model.points_contact import interface_mode
+from jaxshroud.model.prepared import Model, State, touches_at_corners
 from jaxshroud.model.rhs import rhs
 from jaxshroud.scene.keys import Motion
 
@@ -36,7 +37,7 @@ def new_tally(state: State, model: Model, method: Choices) -> Tally:
     """The tally of a lane that starts from `state`."""
     zero = jnp.zeros_like(state.motion.x[0])
     _, none = zeros_for(lambda: rhs(drive_waves(zero, zero, model.drive), state, model, method.recorded))
-    jumps = EnergyJumps(zero, zero if has_torsion(model) else ABSENT) if method.ledger else None
+    jumps = EnergyJumps(zero, zero if touches_at_corners(model) else ABSENT) if method.ledger else None
     margins = no_margins(zero) if method.margins else None
     return Tally(none, jumps, None if method.derivative else _new_log(state, zero, model, method), margins)
 
@@ -56,8 +57,8 @@ def updated_tally(tally: Tally, trial: AcceptedTrial, model: Model, method: Choi
 
 def _updated_log(log: Log, trial: AcceptedTrial, model: Model, method: Choices) -> Log:
     start, end, h, loads = trial.start, trial.end, trial.h, trial.gain.loads
-    apart, by_series, observables = trial.mode == Mode.APART, trial.by_series, observables_of(method)
-    contact = InterfaceTrial(h, trial.mode, trial.v, apart, start, end, trial.lift, loads, model)
+    mode, by_series, observables = interface_mode(trial.mode), trial.by_series, observables_of(method)
+    contact = InterfaceTrial(h, mode, trial.v, mode == Mode.APART, start, end, trial.lift, loads, model)
     blades = BladeTrial(start.motion, end, trial.after, h, trial.step, trial.next_step)
 
     def updated(one: Observable, by_series: Any) -> Any:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxshroud.march.carry import PerLane
 from jaxshroud.march.cubic_extremes import closing_speed, merged_range, updated_extrema, updated_peaks, updated_range
 from jaxshroud.march.event import Event
-from jaxshroud.march.events import EVENTS
+from jaxshroud.march.events import BUILT_IN_EVENTS
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Beginning, BladeTrial, Ending, InterfaceTrial, Observable, from_zero, lasting
 from jaxshroud.march.series_extremes import (
@@ -250,7 +250,7 @@ def observables_of(method: Choices) -> tuple[Observable, ...]:
         InputError: Two of them have one name.
     """
     taken = {*Log._fields}
-    counts = [number_of_times(event, kind) for kind, event in enumerate(method.events, start=len(EVENTS))]
+    counts = [number_of_times(event, kind) for kind, event in enumerate(method.events, start=len(BUILT_IN_EVENTS))]
     for own in (*method.observables, *counts):
         if own.name in taken:
             raise InputError(f"There is another observable or event with the name {own.name!r}.")

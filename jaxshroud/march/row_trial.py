@@ -48,6 +48,7 @@ from jaxshroud.march.tally import EnergyJumps, EventMargins, Log, Tally, no_marg
 from jaxshroud.march.trial import AcceptedTrial, lane_after, mode_of_smooth_contact
 from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, is_absent, zeros_for
 from jaxshroud.model.modes import FLAT, Status
+from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.row import (
     Each,
@@ -62,7 +63,7 @@ from jaxshroud.model.row import (
 
 def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Lane:
     """A row at step 0. The first trial has length zero: it sets the guards, and a start in overlap is an onset."""
-    lanes, shape = jnp.zeros_like(jax.tree.leaves(state.motion)[0][0]), jnp.shape(state.mode)
+    lanes, shape = jnp.zeros_like(jax.tree.leaves(state.motion)[0][0]), jnp.shape(state.case)
     count, at = jnp.zeros(lanes.shape, jnp.int32), jnp.zeros(shape, lanes.dtype)
     pending = jnp.zeros(shape, bool) if method.derivative else None
     turns = jnp.zeros(shape, jnp.int32) if model.turns_by_events else None
@@ -195,7 +196,7 @@ def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -
     )
     start, motions, jumps = lane.state, (end.state.motion, after.motion), EnergyJumps(change.springs, dropped)
     told = change.v, change.lift, end.gain, jumps, lane.step, step, change.counted
-    trial = AcceptedTrial(start, start.mode, interval.h, *motions, *told)
+    trial = AcceptedTrial(start, interface_mode(start.mode), interval.h, *motions, *told)
     tally = updated_row_tally(lane.tally, trial, model, method, each)._replace(margins=change.margins)
     limit = MAX_EVENTS_PER_STEP * len(verdict.outcome.hit)
     too_many = next_search.events > limit

@@ -14,12 +14,12 @@ from jaxshroud.march.guards import switch_guards
 from jaxshroud.model.arithmetic import Pair, Scalar, is_absent, sincos_turns, where
 from jaxshroud.model.contact_law import linear_law
 from jaxshroud.model.drive import Waves, drive_wave_rates, drive_wave_series, drive_waves
-from jaxshroud.model.geometry import ContactKinematics, Pose, contact_rates
+from jaxshroud.model.geometry import Kinematics, Pose, contact_rates
 from jaxshroud.model.interface import EndTorques, Placement, placement
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
 from jaxshroud.model.rhs import Ledger, Recorded, end_torques_under, rhs, rhs_at
-from jaxshroud.model.series import Series, rate_of, truncated
+from jaxshroud.model.series import Series, of_each, rate_of, truncated
 from jaxshroud.scene.keys import Motion
 
 RADIANS_PER_TURN = 2 * math.pi
@@ -73,13 +73,7 @@ def taylor_expansion(lane: Lane, fixed: Fixed[Model], order: int, ledger: bool) 
 
 def without_derivatives(expansion: TaylorExpansion) -> TaylorExpansion:
     """The same numbers without derivatives."""
-
-    def without(a: Any) -> Any:
-        if isinstance(a, Series):
-            return a.of_each(lax.stop_gradient)
-        return a if isinstance(a, int) else lax.stop_gradient(a)
-
-    return jax.tree.map(without, expansion)
+    return jax.tree.map(lambda a: a if isinstance(a, int) else of_each(a, lax.stop_gradient), expansion)
 
 
 def per_radian(model: Model, unit: Scalar) -> Model:
@@ -117,7 +111,7 @@ def _switch_series(Q: Waves, place: Placement, now: State, model: Model, order: 
     return [(number_of(TURN), turn - slack[0]), (number_of(HEIGHT), height - slack[1])]
 
 
-def _friction_series(at: ContactKinematics, now: State, model: Model) -> list[GuardSeries]:
+def _friction_series(at: Kinematics, now: State, model: Model) -> list[GuardSeries]:
     """The guards of the friction element."""
     rate = contact_rates(at, now.motion, now.case, model.reading)
     guards = linear_law(model.law).friction_series(at, rate, now.u_s, now.mode)

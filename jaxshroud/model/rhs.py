@@ -9,7 +9,7 @@ from jaxshroud.model.blade import Acceleration, AnyBlade, BladeForces
 from jaxshroud.model.contact import Load
 from jaxshroud.model.contact_law import ContactLoads, Slider
 from jaxshroud.model.drive import Excitation, Wave, Waves
-from jaxshroud.model.geometry import ContactKinematics, Pose
+from jaxshroud.model.geometry import Kinematics, Pose
 from jaxshroud.model.interface import (
     EndTorques,
     LoadedContact,
@@ -21,7 +21,7 @@ from jaxshroud.model.interface import (
 )
 from jaxshroud.model.linear import StaticPosition, about_static
 from jaxshroud.model.modes import FLAT
-from jaxshroud.model.prepared import Model, State, has_torsion
+from jaxshroud.model.prepared import Model, State, touches_at_corners
 from jaxshroud.scene.keys import Motion
 
 
@@ -86,19 +86,19 @@ def parallel_mean(pair: Pair, model: Model) -> Pair:
     return mean, pair[1] if is_absent(pair[1]) else mean
 
 
-def end_torques(z: Motion, Q: Waves, at: ContactKinematics, state: State, model: Model) -> EndTorques:
+def end_torques(z: Motion, Q: Waves, at: Kinematics, state: State, model: Model) -> EndTorques:
     """The torques at both ends of the overlap, from that at the corner of the current case.
 
     Shifting the resultant -N n - F t by s t + r n changes the torque by F r - N s. From d, the corner b is at
     u t + v n, c is at l_ab t, and a is at the sum of both; the overlap ends at d and a, or at b and c.
     """
-    if not has_torsion(model):
+    if not touches_at_corners(model):
         return EndTorques(ABSENT, ABSENT)
     return end_torques_under(loaded_contact(at, z, state, state.case, model), z, Q, at, state, model)
 
 
 def end_torques_under(
-    loaded: LoadedContact, z: Motion, Q: Waves, at: ContactKinematics, state: State, model: Model
+    loaded: LoadedContact, z: Motion, Q: Waves, at: Kinematics, state: State, model: Model
 ) -> EndTorques:
     """`end_torques` of blocks that turn where the forces are known already."""
     left, right = accelerations(z, Q, loaded.load, model).theta
@@ -197,7 +197,7 @@ def rhs_at(
     ledger = None if contact.lost is None else works(z, Q, contact.lost, model)
     moments = displacement_moments(z) if recorded.moments else None
     a = accelerations(z, Q, contact.load, model)
-    if has_torsion(model) and model.law.has_events:
+    if touches_at_corners(model) and model.law.has_events:
         theta = jax.tree.map(
             lambda mean, own: where(now.case == FLAT, mean, own), parallel_mean(a.theta, model), a.theta
         )

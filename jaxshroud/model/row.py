@@ -73,7 +73,7 @@ class RowModel(eqx.Module):
     @property
     def turns_by_events(self) -> bool:
         """Whether contact moves from corner to corner by events, and may be flat."""
-        return self.turns and self.interfaces.law.has_events
+        return self.turns and self.interfaces.law.has_events and not self.interfaces.law.has_points
 
 
 def prepared_row(scene: Scene) -> RowModel:
@@ -105,11 +105,12 @@ def pair_at(scene: Scene, j: Any) -> Scene:
     return Scene(
         take(scene.blades),
         Shroud(s.alpha, s.l_oa, s.l_ab, s.gap[j]),
-        Contact(scene.k[j], None, width=width),
+        Contact(scene.k[j], None, width=width, points=scene.contact.points),
         Friction(scene.friction.k_d[j], scene.friction.mu[j]),
         scene.drive.of_blades(sides),
         take(scene.initial),
         scene.parts,
+        scene.laws,
     )
 
 

@@ -21,7 +21,7 @@ from jaxshroud.model.contact_law import (
     Slider,
     starts_in_overlap,
 )
-from jaxshroud.model.geometry import ContactKinematics, ContactRates, Corners
+from jaxshroud.model.geometry import AtPoint, ContactKinematics, ContactRates, Corners, RatesAtPoint
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.series import Series
 
@@ -29,6 +29,9 @@ from jaxshroud.model.series import Series
 class NoContact(LinearLaw):
     """Blocks that pass through each other."""
 
+    called: ClassVar[str] = "no contact"
+    marches_in_rows: ClassVar[bool] = False
+    is_examined: ClassVar[bool] = True
     has_events: ClassVar[bool] = False
 
     @property
@@ -54,6 +57,9 @@ class NoContact(LinearLaw):
 
 class SpringContact(LinearLaw):
     """The normal spring N = k v without friction."""
+
+    called: ClassVar[str] = "located contact"
+    is_examined: ClassVar[bool] = True
 
     k: Scalar  # [N/m]
 
@@ -164,7 +170,7 @@ class BilinearContact(SpringContact):
         del mode
         return u_s
 
-    def friction_guard(self, at: ContactKinematics, rate: ContactRates, u_s: Slider, mode: Modes) -> FrictionGuard:
+    def friction_guard(self, at: AtPoint, rate: RatesAtPoint, u_s: Slider, mode: Modes) -> FrictionGuard:
         """The guard in stick, abs(w) - mu k v / k_d, or in slip, the speed of the slider against its direction."""
         apart, stick = mode == Mode.APART, mode == Mode.STICK
         w = at.u - u_s

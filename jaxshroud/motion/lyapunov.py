@@ -13,10 +13,11 @@ from jaxshroud.batch.states import final_states, from_vector, to_vector
 from jaxshroud.batch.tangents import TangentProblem, end_as_start, run_flow
 from jaxshroud.march.method import Choices
 from jaxshroud.model.modes import Mode, Status
-from jaxshroud.model.prepared import State
+from jaxshroud.model.prepared import State, law_type
 from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives, Periods
 from jaxshroud.motion.orbit import free_sliders
 from jaxshroud.motion.statistics import confidence_interval
+from jaxshroud.scene.laws import Laws
 from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.parts import COORDINATES
 from jaxshroud.scene.scene import Scene
@@ -59,8 +60,11 @@ def state_places(scene: Scene) -> StatePlaces:
     parts, blades = scene.parts, 2
     places = np.arange(6 * blades).reshape(2, len(COORDINATES), blades)
     moves = [[parts.has(name, blade) for blade in range(blades)] for name in COORDINATES]
-    own = scene.laws is not None and scene.laws.friction is not None
-    rubs = own if parts.contact == "own" else parts.contact != "none" and parts.friction == "bilinear"
+    law = law_type(scene)
+    if isinstance(scene.laws, Laws):
+        rubs = scene.laws.friction is not None
+    else:
+        rubs = law.has_stick or (law.flows and parts.friction == "bilinear")
     return StatePlaces(places[:, np.array(moves)].ravel(), np.arange(6 * blades, 6 * blades + rubs))
 
 

@@ -58,7 +58,8 @@ def nearby_growth(
 def _difference(here: State, there: State) -> tuple[Motion, np.ndarray]:
     """The difference of two states; of sliders where both stick or slip alike."""
     motion = jax.tree.map(lambda a, b: np.asarray(b) - np.asarray(a), here.motion, there.motion)
-    alike = (np.asarray(here.mode) == there.mode) & (np.asarray(here.case) == there.case)
+    case, mode = np.asarray(here.case) == there.case, np.asarray(here.mode) == there.mode
+    alike = mode & (case if case.ndim == mode.ndim else case[..., None])  # of several points each
     return motion, np.where(alike, np.asarray(there.u_s) - np.asarray(here.u_s), 0.0)
 
 

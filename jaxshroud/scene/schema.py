@@ -44,6 +44,8 @@ from jaxshroud.scene.keys import (
 )
 from jaxshroud.scene.layout import PAIR, Layout, row_layout
 from jaxshroud.scene.parts import ACCURACIES, MOTIONS, ContactPart, Direction, FrictionPart, Neighbour, misprints
+from jaxshroud.scene.point_numbers import check_number_of_points, check_points
+from jaxshroud.scene.typed import are_numbers
 from jaxshroud.scene.units import to_si
 
 NO_STIFFNESS = "no_stiffness"  # the type of pydantic's error for a [contact] without one
@@ -286,7 +288,42 @@ def _smooth_has_a_width(file: Any) -> Any:
     return file
 
 
+def _points_are_of_their_face(file: Any) -> Any:
+    contact, l_ab = file.contact, file.shroud.l_ab
+    if contact.shares is not None and contact.points is None:
+        raise ValueError("[contact] shares are those of points; add points, e.g. points = 2")
+    if contact.points is None:
+        return file
+    if contact.reading or file.parts.contact != "spring":
+        other = "a printed `reading`" if contact.reading else f'contact = "{file.parts.contact}"'
+        raise ValueError(f"[contact] points go with located contact in the consistent reading, not with {other}")
+    check_points(contact.points, contact.shares, l_ab)
+    return file
+
+
 READING = (Annotated[frozenset[str], BeforeValidator(misprints), key("misprints kept", "consistent")], frozenset())
+
+
+def _points(value: Any) -> Any:
+    """A number of points, or the place of each [m], from a file."""
+    places = [to_si("m", one) for one in value] if isinstance(value, list | tuple) else None
+    is_number = isinstance(value, int) and not isinstance(value, bool)
+    if value is None or not (is_number or (places and are_numbers(places))):
+        raise ValueError("must be a number of points, or a list of their places up the face from its middle")
+    check_number_of_points(value if places is None else len(places))
+    return value if places is None else [float(one) for one in places]
+
+
+def _list_of_shares(value: Any) -> Any:
+    if not isinstance(value, list | tuple) or not value or not are_numbers(list(value)):
+        raise ValueError("must be a list with a number for each point")
+    return [float(one) for one in value]
+
+
+_POINTS_KEY = key("points of contact of a face: how many, or where", 2)
+_SHARES_KEY = key("share of the stiffnesses of each point", [0.5, 0.5])
+POINTS = (Annotated[Annotated[Any, BeforeValidator(_points)] | None, _POINTS_KEY], None)
+POINT_SHARES = (Annotated[Annotated[Any, BeforeValidator(_list_of_shares)] | None, _SHARES_KEY], None)
 TITLE = Annotated[str, key("what the scene shows, in one line", "Fig. 9", pattern=r"^[\P{Cc}\t]*$")]
 
 
@@ -295,7 +332,7 @@ def table_models(layout: Layout, harmonics: int) -> dict[str, type[Table]]:
     """The models of all tables of a file whose drive has so many harmonics in tables of their own."""
     return {
         **{table: _number_table(table, layout) for table in ("blades", "shroud")},
-        "contact": _number_table("contact", layout, reading=READING),
+        "contact": _number_table("contact", layout, reading=READING, points=POINTS, shares=POINT_SHARES),
         "friction": _number_table("friction", layout),
         "drive": _drive_table(layout, harmonics),
         "initial": _number_table("initial", layout),
@@ -334,6 +371,9 @@ def scene_file_type(layout: Layout, harmonics: int) -> Any:
     }
     file: Any = create_model("File", __base__=Table, **fields)
     checked: Any = Annotated[
-        file, AfterValidator(_smooth_has_a_width), AfterValidator(partial(_parts_are_of_its_layout, layout=layout))
+        file,
+        AfterValidator(_smooth_has_a_width),
+        AfterValidator(_points_are_of_their_face),
+        AfterValidator(partial(_parts_are_of_its_layout, layout=layout)),
     ]
     return TypeAdapter(checked)

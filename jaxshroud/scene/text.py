@@ -27,6 +27,8 @@ def tables_of(scene: Scene) -> dict[str, dict[str, Any]]:
     tables = in_tables(plain_numbers(numbers_of(scene)), plain_numbers(given_of(scene)), scene.layout)
     tables["contact"]["reading"] = reading_text(scene.contact.reading)
     tables["drive"] |= {f"harmonic[{i}].order": one.order for i, one in enumerate(scene.drive.harmonic or ())}
+    if scene.contact.points is not None:
+        tables["contact"] |= scene.contact.points.as_given()
     if type(scene.drive) is not Drive:
         tables["drive"]["own"] = type(scene.drive).__name__  # which no file can name: it is refused there
     if row := scene.row:

@@ -4,7 +4,7 @@ import numpy as np
 
 from jaxshroud.model.prepared import State
 from jaxshroud.programs.kept import is_traced
-from jaxshroud.scene.capabilities import NO_CONTACT, require_capability
+from jaxshroud.scene.capabilities import NO_CONTACT, require_capability, require_points
 from jaxshroud.scene.checks import InputError, count_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
@@ -14,6 +14,8 @@ def check_verb(verb: str, scene: Scene | SceneFile) -> None:
     """Raise an InputError if the scene has a row of blades, or a pair, which a verb does not know."""
     where = f"{scene.name}: " if isinstance(scene, SceneFile) else ""
     require_capability(f"`{verb}`", scene.layout, where)
+    points = scene.tables["contact"].get("points") if isinstance(scene, SceneFile) else scene.contact.points
+    require_points(verb, points, where)
 
 
 def check_row(scene: Scene, **asked: bool) -> None:

@@ -13,7 +13,9 @@ from jaxshroud.model.natural_modes import (
     drive_shares,
     natural_modes,
 )
+from jaxshroud.model.prepared import law_type
 from jaxshroud.results.campbell import NaturalMode
+from jaxshroud.scene.laws import Laws
 from jaxshroud.scene.parts import COORDINATES
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
@@ -60,8 +62,10 @@ def _contacts_of(scene: Scene, k: np.ndarray) -> list[NaturalContact]:
 
 
 def _has_friction(scene: Scene) -> bool:
-    if scene.laws is not None:
+    if isinstance(scene.laws, Laws):
         return scene.laws.friction is not None
+    if scene.laws is not None:
+        return law_type(scene).has_stick
     return scene.parts.friction != "none" and bool(np.any((scene.friction.mu > 0) & (scene.friction.k_d > 0)))
 
 

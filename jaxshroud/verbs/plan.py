@@ -6,6 +6,8 @@ from typing import TypedDict, Unpack
 from jaxshroud.batch.marches import march_of, require_march
 from jaxshroud.march.method import Choices, choices
 from jaxshroud.march.stability import steps_for
+from jaxshroud.model.contact_law import ContactLaw
+from jaxshroud.model.prepared import law_type
 from jaxshroud.motion.short_runs import end_states
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.scene import Scene, without_given
@@ -56,8 +58,8 @@ def choose_method(
     Raises:
         InputError: An accuracy is requested for smooth contact or for own laws, or power series for a row.
     """
-    asked, contact = resolved.asked, lanes.parts.contact
-    _refuse_accuracy(asked, contact)
+    asked, law = resolved.asked, law_type(lanes)
+    _refuse_accuracy(asked, law)
     if asked.plan is not None:
         method, choice = asked.plan.method, asked.plan.choice
     elif asked.method is not None:
@@ -75,17 +77,18 @@ def choose_method(
         choice = choose(without_given(lanes), 1, resolved.accuracy, lane_periods=work, ends=ends)
         method = choice.method
     require_march(lanes, method)
-    return _recording(method, usual, contact), choice
+    return _recording(method, usual, law), choice
 
 
-def _refuse_accuracy(asked: Asked, contact: str) -> None:
+def _refuse_accuracy(asked: Asked, law: type[ContactLaw]) -> None:
     """Raise InputError where an accuracy is asked for that cannot be had."""
-    if contact in ("smooth", "own") and (asked.accuracy is not None or (asked.plan and asked.plan.choice)):
-        kind = "smooth contact" if contact == "smooth" else "own laws"
-        raise InputError(f"An accuracy can be had for located contact, not for {kind}; give js.RungeKutta(steps=...).")
+    if not law.is_examined and (asked.accuracy is not None or (asked.plan and asked.plan.choice)):
+        raise InputError(
+            f"An accuracy can be had for located contact, not for {law.called}; give js.RungeKutta(steps=...)."
+        )
 
 
-def _recording(method: Choices, usual: Choices, contact: str) -> Choices:
-    """The method that records what the usual one does, and the energy balance with own laws, as their only check."""
-    ledger = usual.ledger or contact == "own"
+def _recording(method: Choices, usual: Choices, law: type[ContactLaw]) -> Choices:
+    """The method that records what the usual one does, and the energy balance of laws that have no other check."""
+    ledger = usual.ledger or law.may_create_energy
     return usual._replace(tableau=method.tableau, locate=method.locate, precision=method.precision, ledger=ledger)

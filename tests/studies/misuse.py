@@ -30,6 +30,7 @@ from jaxtyping import ArrayLike
 
 import jaxshroud as js
 from jaxshroud.batch import xla
+from jaxshroud.model.spring_contact import NoContact
 from jaxshroud.scene.checks import Error
 
 TOWER = BeartypeConf(is_pep484_tower=True)  # a whole number is a number
@@ -175,6 +176,7 @@ def functions() -> dict[str, Target]:
         "tune": Target(js.tune, {"scene": one, "over": ends, **RUN}, True),
         "value_of": Target(js.value_of, {"scene": one, "key": "shroud.gap"}),
         "vary": Target(js.vary, {"scene": one, "key": "shroud.gap", "value": 1e-5}),
+        "with_contact_law": Target(js.with_contact_law, {"scene": one, "law": NoContact()}),
         "with_laws": Target(js.with_laws, {"scene": one, "normal": js.Hertz(4e7)}),
         "zero_one": Target(js.zero_one, {"series": axis, "near": 0.0}),
     }
