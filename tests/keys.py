@@ -22,6 +22,10 @@ or a list in a [row of blades](#rows-of-blades). Lists have brackets wherever th
 |---|---|---|---|---|---|---|---|
 """
 MORE = """
+`[contact] points` is no number of the scene: a whole number from 2 to 16, or a list of places up the face from its
+middle, with a list of `shares`, makes the faces touch at
+[several points](model.md#faces-with-several-points-of-contact).
+
 ## Data as engineers have them
 
 A file may give frequencies, damping ratios and speeds instead, from which these numbers are worked out

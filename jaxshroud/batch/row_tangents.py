@@ -103,7 +103,7 @@ def _end_of_rows(lanes: Lane, model: RowModel, time: Any, each: EachLane) -> Flo
     overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(jnp.sum(power, axis=0))
     status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
     end = canonical_row(lanes.state, model, each)
-    motion, u_s = filled(end.motion, end.motion.x), filled(end.u_s, jnp.zeros(end.mode.shape, power.dtype))
+    motion, u_s = filled(end.motion, end.motion.x), filled(end.u_s, jnp.zeros(end.case.shape, power.dtype))
     return FlowWithMoments(State(motion, u_s, end.mode, end.case), power, status, mean(gain.moments), mean(gain.means))
 
 

@@ -113,11 +113,14 @@ def to_vector(state: State) -> np.ndarray:
     return np.concatenate([*state.motion, sliders], axis=-1)
 
 
-def from_vector(vector: np.ndarray, mode: Any, case: Any, layout: Layout = PAIR) -> State:
-    """The inverse of `to_vector`."""
+def from_vector(vector: np.ndarray, mode: Any, case: Any, layout: Layout = PAIR, points: int = 0) -> State:
+    """The inverse of `to_vector`, with so many points of contact of a face, 0 where a corner touches."""
     blades = layout.blades
     motion = Motion(*(vector[..., i : i + blades] for i in range(0, 6 * blades, blades)))
-    return State(motion, layout.at_interfaces(vector[..., 6 * blades :]), mode, case)
+    sliders = vector[..., 6 * blades :]
+    if points:
+        return State(motion, sliders.reshape(*vector.shape[:-1], *layout.interface_shape, points), mode, case)
+    return State(motion, layout.at_interfaces(sliders), mode, case)
 
 
 SAMPLES_PER_CALL = 1024  # one program for runs of any length

@@ -119,7 +119,7 @@ class TangentProblem(NamedTuple):
     @property
     def by_start(self) -> int:
         """The number of directions of the initial state."""
-        return self.scene.layout.state_size if self.by_state else 0
+        return self.scene.state_size if self.by_state else 0
 
     @property
     def lanes(self) -> int:
@@ -132,10 +132,10 @@ class TangentProblem(NamedTuple):
         lanes, state, scene = self.lanes, in_scene_precision(self.state, self.scene), without_given(self.scene)
         still = [jax.tree.map(np.zeros_like, scene)] * (lanes - len(self.directions))
         along = jax.tree.map(lambda *a: np.stack(a), *still, *self.directions)
-        size = scene.layout.state_size
+        size = scene.state_size
         unit = np.zeros((lanes, size), scene.drive.omega.dtype)
         unit[: self.by_start] = np.eye(size)[: self.by_start]
-        shift = from_vector(unit, None, None, scene.layout)
+        shift = from_vector(unit, None, None, scene.layout, scene.points)
         return Dual(repeat_lane(scene, lanes), along), Dual(repeat_lane(state, lanes), shift)
 
     def tangents(self, flows: Dual) -> Tangents:

@@ -12,6 +12,7 @@ from jaxshroud.march.tally import EnergyJumps
 from jaxshroud.model.arithmetic import ABSENT, Scalar, blended, is_absent, summed, where
 from jaxshroud.model.contact_law import Slider, SummedForces
 from jaxshroud.model.drive import Waves
+from jaxshroud.model.face_points import FaceKinematics
 from jaxshroud.model.geometry import Case, Kinematics, Pose, is_upper, tip_is_left
 from jaxshroud.model.interface import EndTorques, law_forces
 from jaxshroud.model.modes import FLAT, Mode
@@ -61,13 +62,11 @@ def contact_forces_at(
 ) -> ContactForces:
     """`contact_forces` of placed blocks under known torques."""
     _, case, at = placed
-    forces, is_apart = (
-        law_forces(at, state.motion, state, case, model),
-        lambda: interface_mode(state.mode) == Mode.APART,
-    )
+    forces = law_forces(at, state.motion, state, case, model)
+    is_apart = lambda: interface_mode(state.mode) == Mode.APART
     F = where(is_apart(), ABSENT, forces.F)  # no negative zero
     point = ABSENT
-    if model.law.has_points and has_torsion(model):
+    if isinstance(forces, SummedForces) and has_torsion(model):
         point = where(is_apart(), jnp.nan, _centre_of_pressure(forces, model))
     elif has_torsion(model):
         place = _tip_position(at, case, model.block.l_ab)
@@ -75,9 +74,9 @@ def contact_forces_at(
             place = where(case == FLAT, _flat_contact_position(at, torques, model), place)
         point = where(is_apart(), jnp.nan, place)
     of_points = ABSENT
-    if model.law.has_points:
-        modes = [one == Mode.APART for one in state.mode]
-        F_of = tuple(where(apart, ABSENT, own.F) for apart, own in zip(modes, forces.points, strict=True))
+    if isinstance(forces, SummedForces) and isinstance(at, FaceKinematics):
+        pairs = zip(state.mode, forces.points, strict=True)
+        F_of = tuple(where(mode == Mode.APART, ABSENT, own.F) for mode, own in pairs)
         of_points = PointForces(tuple(own.N for own in forces.points), F_of, tuple(own.v for own in at.points))
     return ContactForces(forces.N, F, at.v, at.u, point, of_points)
 

@@ -6,7 +6,7 @@ begins only beyond that of its stretch: points that switch together would else s
 """
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
@@ -15,7 +15,7 @@ from jaxshroud.march.event import Event, EventInstant
 from jaxshroud.march.guards import ContactNow, Guard
 from jaxshroud.model.arithmetic import is_absent, where
 from jaxshroud.model.contact_law import ContactLaw, GuardCrossing, Modes, Slider
-from jaxshroud.model.face_points import PointKinematics, PointRates
+from jaxshroud.model.face_points import FaceKinematics, FaceRates, PointKinematics, PointRates
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import PointsContact
 from jaxshroud.model.prepared import Model
@@ -35,8 +35,9 @@ class _PointNow(NamedTuple):
 
 def _point(m: int, now: ContactNow) -> _PointNow:
     law, u_s, mode = _law_of_points(now.model), now.state.u_s, now.state.mode[m]
+    at, rate = cast(FaceKinematics, now.at), cast(FaceRates, now.rate)
     slider = u_s if is_absent(u_s) else u_s[m]
-    return _PointNow(law.laws[m], now.at.points[m], now.rate.points[m], slider, mode, mode == Mode.APART)
+    return _PointNow(law.laws[m], at.points[m], rate.points[m], slider, mode, mode == Mode.APART)
 
 
 def _law_of_points(model: Model) -> PointsContact:

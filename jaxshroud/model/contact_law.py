@@ -21,11 +21,10 @@ from jaxshroud.model.geometry import (
     AtPoint,
     Case,
     CaseBlend,
-    ContactKinematics,
-    ContactRates,
     Corners,
     Kinematics,
     Pose,
+    Rates,
     RatesAtPoint,
     contact_rates,
 )
@@ -51,7 +50,7 @@ class SummedForces(NamedTuple):
     N: Scalar
     F: Scalar
     u_s: Slider
-    points: tuple[LawForces, ...]
+    points: tuple[Any, ...]  # `LawForces`
 
 
 Forces = LawForces | SummedForces
@@ -183,11 +182,11 @@ class ContactLaw(SceneLaw):
         del q, block
         return None
 
-    def carried_mode(self, mode: Modes) -> Modes:
+    def carried_mode(self, mode: Any) -> Any:
         """A user's mode in the form that compiled loops carry."""
         return mode
 
-    def carried_slider(self, u_s: Slider, mode: Modes) -> Slider:
+    def carried_slider(self, u_s: Slider, mode: Any) -> Slider:
         """A user's slider in the form that compiled loops carry; absent without one."""
         del u_s, mode
         return ABSENT
@@ -221,7 +220,7 @@ class ContactLaw(SceneLaw):
         del deepest, mode
         return jnp.maximum(*at_ends)
 
-    def friction_rate(self, rate: ContactRates, mode: Modes) -> Scalar:
+    def friction_rate(self, rate: RatesAtPoint, mode: Modes) -> Scalar:
         """The rate of the friction force [N/s]; absent where it is not known, or there is no friction."""
         del rate, mode
         return ABSENT
@@ -246,9 +245,7 @@ class LinearLaw(ContactLaw):
         del v_rate, u_rate, mode
         return ABSENT
 
-    def friction_series(
-        self, at: ContactKinematics, rate: ContactRates, u_s: Slider, mode: Modes
-    ) -> tuple[Scalar, ...]:
+    def friction_series(self, at: Kinematics, rate: Rates, u_s: Slider, mode: Modes) -> tuple[Scalar, ...]:
         """The guards of the friction element as series, which have no magnitude: one for each direction in stick."""
         del at, rate, u_s, mode
         return ()

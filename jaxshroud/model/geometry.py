@@ -117,7 +117,7 @@ class ContactKinematics(NamedTuple):
 
 
 Kinematics = ContactKinematics | FaceKinematics
-AtPoint = ContactKinematics | PointKinematics  # of a corner, or of one of several points
+AtPoint = Kinematics | PointKinematics  # of a corner, or of one of several points
 
 
 def _corner_shift(px: Scalar, py: Scalar, s: Scalar, versine: Scalar) -> tuple[Scalar, Scalar]:
@@ -175,7 +175,7 @@ class ContactRates(NamedTuple):
 
 
 Rates = ContactRates | FaceRates
-RatesAtPoint = ContactRates | PointRates
+RatesAtPoint = Rates | PointRates
 
 
 def contact_rates(at: Kinematics, z: Motion, case: Case, reading: frozenset[str]) -> Rates:

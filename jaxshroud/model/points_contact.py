@@ -29,6 +29,7 @@ class PointsContact(ContactLaw):
     """Several points with a law each."""
 
     called: ClassVar[str] = "contact points"
+    is_examined: ClassVar[bool] = True  # as far as rows are: an accuracy chooses a method that is not tried
     has_points: ClassVar[bool] = True
     is_long: ClassVar[bool] = True
 
@@ -93,7 +94,8 @@ class PointsContact(ContactLaw):
     def load_rates(self, point: ContactPoint, forces: SummedForces) -> ContactLoads:
         """The sums of the loads; the time is that in which any point slips, the path its mean by the shares."""
         of_each = self._of_each(lambda law, *own: law.load_rates(*own), point, forces)
-        slips = reduce(lambda a, b: a if is_absent(a) else jnp.maximum(a, b), (own.time_slip for own in of_each))
+        times: list[Any] = [own.time_slip for own in of_each]
+        slips = times[0] if is_absent(times[0]) else reduce(jnp.maximum, times)
         path = summed(share * own.slip for share, own in zip(self.shares, of_each, strict=True))
         return ContactLoads(summed(own.N for own in of_each), summed(own.N_slip for own in of_each), slips, path)
 

@@ -114,7 +114,7 @@ def _state_units(scene: Scene) -> np.ndarray:
     lever = np.hypot(float(scene.shroud.l_oa), float(scene.shroud.l_ab)) / 2
     blades = scene.layout.blades
     place = np.repeat([1.0, 1.0, 1 / lever], blades)
-    sliders = np.ones(scene.layout.interfaces)
+    sliders = np.ones(scene.sliders)
     return np.concatenate([place, float(scene.drive.omega) * place, sliders])
 
 
@@ -127,7 +127,7 @@ def free_sliders(scene: Scene, tangents: Tangents) -> np.ndarray:
     """Which sliders are free: up to rounding they end where they started, and nothing else moves them."""
     M = _in_state_units(scene, tangents.by_state)
     largest = FREE_SLIDER_ROUNDINGS * np.finfo(tangents.by_state.dtype).eps * max(1.0, float(np.abs(M).max()))
-    sticks = np.atleast_1d(np.asarray(tangents.end.mode)) == Mode.STICK
+    sticks = np.ravel(tangents.end.mode) == Mode.STICK
     count = len(sticks)
     return sticks & np.all(np.abs(M[-count:] - np.eye(len(M))[-count:]) <= largest, axis=1)
 
@@ -244,7 +244,7 @@ def no_orbit(
         P_d=float("nan"),
         P_d_vibration=float("nan"),
         residual=float("nan"),
-        multipliers=np.full(scene.layout.state_size, np.nan + 0j),
+        multipliers=np.full(scene.state_size, np.nan + 0j),
         conditioning=float("nan"),
         doubt=float("nan"),
         flags=(flag,),

@@ -225,6 +225,21 @@ class Scene(eqx.Module):
         """The layout of the blades: that of the row, or the pair."""
         return layout_with(self.row)
 
+    @property
+    def points(self) -> int:
+        """The number of points of contact of a face; 0 where a corner touches."""
+        return 0 if self.contact.points is None else self.contact.points.number
+
+    @property
+    def sliders(self) -> int:
+        """How many sliders a state has: one at each interface, or at each of its points."""
+        return self.layout.interfaces * max(self.points, 1)
+
+    @property
+    def state_size(self) -> int:
+        """How many numbers a state has: six of each blade, and the sliders."""
+        return 6 * self.layout.blades + self.sliders
+
 
 def scene_of(tables: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]) -> Scene:
     """The scene from tables of plain SI numbers, as in a file, and the inputs from which some were worked out."""

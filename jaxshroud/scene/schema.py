@@ -306,12 +306,14 @@ READING = (Annotated[frozenset[str], BeforeValidator(misprints), key("misprints 
 
 def _points(value: Any) -> Any:
     """A number of points, or the place of each [m], from a file."""
-    places = [to_si("m", one) for one in value] if isinstance(value, list | tuple) else None
-    is_number = isinstance(value, int) and not isinstance(value, bool)
-    if value is None or not (is_number or (places and are_numbers(places))):
+    if isinstance(value, int) and not isinstance(value, bool):
+        check_number_of_points(value)
+        return value
+    places = [to_si("m", one) for one in value] if isinstance(value, list | tuple) else []
+    if not places or not are_numbers(places):
         raise ValueError("must be a number of points, or a list of their places up the face from its middle")
-    check_number_of_points(value if places is None else len(places))
-    return value if places is None else [float(one) for one in places]
+    check_number_of_points(len(places))
+    return [float(one) for one in places]
 
 
 def _list_of_shares(value: Any) -> Any:

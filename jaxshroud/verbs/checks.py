@@ -15,7 +15,8 @@ def check_verb(verb: str, scene: Scene | SceneFile) -> None:
     where = f"{scene.name}: " if isinstance(scene, SceneFile) else ""
     require_capability(f"`{verb}`", scene.layout, where)
     points = scene.tables["contact"].get("points") if isinstance(scene, SceneFile) else scene.contact.points
-    require_points(verb, points, where)
+    if verb:  # what has no name was asked for by another verb
+        require_points(verb, points, where)
 
 
 def check_row(scene: Scene, **asked: bool) -> None:

@@ -17,6 +17,7 @@ OVERDAMPED = 1.0  # damping ratio
 # is a bend that blades with such blocks do not take; at resonance, which contact is there to prevent, half a side is.
 MAX_AMPLITUDE_SIDES, MAX_RESONANT_SIDES = 0.1, 0.5
 MAX_SLIDE_FACES = 0.5  # slide of the free faces over their length: corners then pass the other face's ends
+MAX_PARALLEL = 0.1  # displacement of a corner by the free rotation, over the approach of the free faces
 MAX_PRESSED = 0.1  # displacement of a block by interference alone, over its free amplitude
 MAX_ANGLE = np.radians(10.0)  # of a free block; the springs of torsion are linear, and runs end at 45 degrees
 MIN_MARGIN = (
@@ -36,6 +37,8 @@ def doubts_of(sheet: DataSheet, scene: Scene) -> Iterator[str]:
         yield from _mean_load_doubts(sheet)
         yield from _interference_doubts(sheet)
         yield from _doubts_of_interfaces(sheet, float(scene.shroud.l_ab))
+    if scene.parts.contact == "spring" and scene.contact.points is None:
+        yield from _corner_doubts(sheet)
 
 
 def _torsion_doubts(sheet: DataSheet, scene: Scene) -> Iterator[str]:
@@ -51,6 +54,17 @@ def _torsion_doubts(sheet: DataSheet, scene: Scene) -> Iterator[str]:
     if not 1 / MAX_INERTIA_RATIO < inertia < MAX_INERTIA_RATIO:
         ratio = f"{inertia:.3g} times that of a uniform block of its mass and sides"
         yield f'I is {ratio}; I = "block" in a file gives that'
+
+
+def _corner_doubts(sheet: DataSheet) -> Iterator[str]:
+    """Nearly parallel faces of light blocks, between which a single corner switches from end to end."""
+    if "theta" not in sheet.coordinates or max(sheet.inertia) > MAX_INERTIA_RATIO:
+        return
+    corner, approach = max(sheet.corner), max([sheet.approach, *sheet.approaches])
+    if corner < MAX_PARALLEL * approach < np.inf:
+        turned = f"M_0 turns corners by {corner * 1e3:.3g} mm where the free faces approach by {approach * 1e3:.3g} mm"
+        cure = "[contact] points = 2, or more, lets them touch at both ends"
+        yield f"the faces stay nearly parallel, and a single corner switches from end to end: {turned}; {cure}"
 
 
 def _amplitude_doubts(sheet: DataSheet, side: float) -> Iterator[str]:

@@ -23,7 +23,7 @@ from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.asked import Asked, MethodArgument
 from jaxshroud.verbs.checks import check_verb
 from jaxshroud.verbs.leading_axes import flatten_lanes, leading_axes, names_of
-from jaxshroud.verbs.setting import accuracy_level, choice_for_rows
+from jaxshroud.verbs.setting import accuracy_level, choice_without_trial, is_tried
 
 N_PERIODS = 64  # kept periods, unless the argument or the scene file says otherwise
 LaneVariable = tuple[tuple[str, ...], np.ndarray, dict[str, str]]  # dimensions, values, attributes
@@ -132,8 +132,8 @@ def resolve_options(
     count_argument("n_periods", n_periods, 1)
     count_argument("transient", transient, 0)
     shape = leading_axes(scenes)
-    if isinstance(method, str | float) and scenes.row is not None and _is_examined(scenes):
-        warnings.warn(str(choice_for_rows(method, told=True)), AccuracyWarning, stacklevel=4)
+    if isinstance(method, str | float) and not is_tried(scenes) and _is_examined(scenes):
+        warnings.warn(str(choice_without_trial(method, True, scenes)), AccuracyWarning, stacklevel=4)
     return ResolvedOptions(scenes, shape, names_of(shape, dims), file, n_periods, transient, asked)
 
 

@@ -15,7 +15,7 @@ from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.accuracy import EndStates, choose
 from jaxshroud.verbs.asked import Asked, MarchPlan
 from jaxshroud.verbs.options import ResolvedOptions
-from jaxshroud.verbs.setting import Choice, choice_for_rows
+from jaxshroud.verbs.setting import Choice, choice_without_trial, is_tried
 
 
 class Trials(TypedDict, total=False):
@@ -66,8 +66,8 @@ def choose_method(
         method, choice = choices(asked.method), None
     elif resolved.accuracy is None:
         method, choice = usual, None
-    elif lanes.row is not None:
-        chosen = choice_for_rows(resolved.accuracy, told=asked.by_argument)
+    elif not is_tried(lanes):
+        chosen = choice_without_trial(resolved.accuracy, asked.by_argument, lanes)
         method, choice = chosen.method, None if asked.says_nothing else chosen
     else:
         ends = trials.get("ends") or partial(end_states, ledger=usual.ledger, vibration=usual.vibration)

@@ -1,14 +1,25 @@
 """Faces with several points of contact: an independent march, the balance of energy, and what a file may give."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import points_reference
 import pytest
 
 import jaxshroud as js
+from jaxshroud.batch.flows import as_differentiable
+from jaxshroud.batch.states import initial_states
+from jaxshroud.batch.tangents import direction, tangents
+from jaxshroud.march.method import choices
+from jaxshroud.model.geometry import contact_kinematics, pose
+from jaxshroud.model.interface import placement
 from jaxshroud.model.modes import Mode
+from jaxshroud.model.prepared import State, prepared_model
 from jaxshroud.scene.config import parse
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.points import ContactPoints
 from jaxshroud.scene.text import text_of
+from jaxshroud.scene.vary import value_of
 
 LIGHT = ("blades.I=2.46e-5 kg m^2", "contact.gamma=2.6", "drive.M_0=0.3")
 CHAIN = ("row.blades=3", "row.closed=false", "drive.engine_order=1", "blades.I=2.46e-5 kg m^2", "drive.M_0=0.3")
@@ -154,7 +165,86 @@ def test_what_does_not_know_points_refuses_them_by_name():
         js.rollout(file.scene, n_periods=1, method=METHOD)
     with pytest.raises(js.InputError, match="not contact points"):
         js.simulate(file, n_periods=1, method=js.Taylor())
-    with pytest.raises(js.InputError, match="not for contact points"):
+    with pytest.warns(js.AccuracyWarning, match="not examined for faces of several points"):
         js.simulate(file, n_periods=1, method="balanced")
     with pytest.raises(js.InputError, match="do not know contact points"):
         js.with_laws(file.scene, js.Hertz(1e7))
+
+
+KEYS = ("contact.gamma", "friction.k_d", "friction.mu", "shroud.gap", "shroud.l_ab", "drive.M_0")
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    "scene",
+    [scene_with(2, *LIGHT), scene_with(3, *CHAIN, "contact.gamma=2.5", name="row_ring12")],
+    ids=["pair", "row of three"],
+)
+def test_tangents_are_those_of_differences(scene):
+    method, start = as_differentiable(choices(METHOD)), jax.tree.map(lambda a: a[0], initial_states(one_lane(scene)))
+    flow = lambda scene, directions: tangents(scene, start, directions, n=1, steps=METHOD.steps, method=method)
+    found = flow(scene, [direction(scene, key) for key in KEYS])
+    vector = slice(0, found.vector.size - scene.sliders)  # sliders of points that are apart at the end mean nothing
+    assert found.status == 0
+    for i, key in enumerate(KEYS):
+        value = float(np.ravel(value_of(scene, key))[0])
+        step = 1e-6 * value
+        up, down = (flow(js.vary(scene, key, value + s), []) for s in (step, -step))
+        for by, a, b in (
+            (found.by_parameter[vector, i], up.vector[vector], down.vector[vector]),
+            (found.power_by_parameter[:, i], up.power, down.power),
+        ):
+            np.testing.assert_allclose(by, (a - b) / (2 * step), rtol=0, atol=2e-5 * np.abs(by).max(), err_msg=key)
+
+
+def one_lane(scene):
+    return jax.tree.map(lambda a: np.asarray(a)[None], scene)
+
+
+def placed(points, q, rate=(0.0,) * 6):
+    """The forces of two faces at displacements (x_1, x_2, y_1, y_2, theta_1, theta_2), stuck from there, by Eq. (1)."""
+    model = prepared_model(scene_with(points, *LIGHT))
+    pair = lambda values, i: (jnp.asarray(values[i]), jnp.asarray(values[i + 1]))
+    z = Motion(*(pair(values, i) for values in (q, rate) for i in (0, 2, 4)))
+    slider = float(contact_kinematics(pose(z.x, z.y, z.theta), 0, model.block, frozenset()).u) - 1e-6
+    state = State(z, (jnp.asarray(slider),) * points, (jnp.int32(Mode.STICK),) * points, jnp.int32(0))
+    return model, placement(state, model), state
+
+
+def test_forces_are_those_of_virtual_work_and_balance():
+    q = np.array([3e-4, -2e-4, 1e-4, 2e-4, 0.02, -0.015])
+    model, place, state = placed(3, q)
+
+    def energy(q):
+        at = contact_kinematics(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), 0, model.block, frozenset())
+        return model.law.energy_at(at, model.law.stretch_at(at, state.u_s, state.mode), state.mode)
+
+    load = place.loaded.load
+    found = np.array([load.R_x, -load.R_x, load.R_y, -load.R_y, *load.M])
+    np.testing.assert_allclose(found, -jax.grad(energy)(jnp.asarray(q)), rtol=0, atol=1e-10 * np.abs(found).max())
+    # Angular momentum: both moments, and that of the couple of forces at a distance of l_oa + gap between the centres.
+    apart = float(2 * (model.block.a_x + model.block.b_x) / 2 + model.block.gap) + q[1] - q[0], q[3] - q[2]
+    total = load.M[0] + load.M[1] + apart[0] * load.R_y - apart[1] * load.R_x
+    assert abs(total) < 1e-12 * np.abs(found).max()
+    # The half turn: displacements (-x_2, -y_2, theta_2, -x_1, -y_1, theta_1).
+    turned = placed(3, np.array([-q[1], -q[0], -q[3], -q[2], q[5], q[4]]))[1].loaded.load
+    np.testing.assert_allclose([turned.R_x, turned.R_y], [load.R_x, load.R_y], rtol=1e-11)
+    np.testing.assert_allclose(turned.M, load.M[::-1], rtol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("points", "of_force", "of_moment"), [(5, 0.125, 0.217), (9, 0.0417, 0.0642), (16, 0.0134, 0.0226)]
+)
+def test_a_tilted_face_is_loaded_as_by_winklers_springs(points, of_force, of_moment):
+    # N = k p^2 / (2 phi l) and M = N (l / 2 - p / (3 phi)) of a face of springs that is pressed in by p at one end.
+    l, k, phi = 0.035, 1.0, 1e-3
+    points = ContactPoints(points)
+    s, w = np.asarray(points.places) * l, np.asarray(points.shares)
+    errors = []
+    for share in np.linspace(0.25, 1.0, 61):
+        p = share * phi * l
+        v = np.maximum(p + phi * (s - l / 2), 0.0)
+        N, M = np.sum(w * k * v), np.sum(w * k * v * s)
+        true = k * p**2 / (2 * phi * l)
+        errors.append((abs(N / true - 1), abs(M / (true * (l / 2 - p / (3 * phi))) - 1)))
+    np.testing.assert_allclose(np.max(errors, axis=0), (of_force, of_moment), rtol=0.01)
