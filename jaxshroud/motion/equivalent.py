@@ -24,6 +24,7 @@ from jaxshroud.batch.trajectories import sampled_motions
 from jaxshroud.march.method import Choices
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.prepared import State
+from jaxshroud.scene.drive import DriveHarmonic, MeanLoad
 from jaxshroud.scene.scene import Scene
 
 HARMONIC_PERIODS = 16  # over which the first harmonic of an aperiodic motion is taken
@@ -42,6 +43,7 @@ class LinearBlades(NamedTuple):
     k: PerCoordinate
     moves: np.ndarray
     drive: ComplexAmplitudes  # complex amplitude of the load, of the first harmonic
+    mean: PerCoordinate  # constant load
     omega: float
     axes: Float[np.ndarray, "2 2"]  # normal and tangent of the faces at rest, as rows
 
@@ -94,9 +96,9 @@ def equivalent_values(
 def linear_blades(scenes: Scene, i: int) -> LinearBlades:
     """The blades of one of many scenes (leading axis)."""
     b, drive = scenes.blades, jax.tree.map(lambda a: np.asarray(a, float)[i], scenes.drive)
-    first = drive.harmonics().get(1)
+    first, mean = drive.harmonics().get(1), drive.harmonics().get(0)
     stacked = lambda *columns: np.stack([np.asarray(a, float)[i] for a in columns], axis=-1)
-    load = np.zeros((2, 3)) if first is None else np.stack([first.F_x, first.F_y, first.M_0], axis=-1)
+    load = np.zeros((2, 3)) if first is None else _stacked_load(first)
     moves = np.array([[scenes.parts.has(name, blade) for name in ("x", "y", "theta")] for blade in (0, 1)])
     alpha = float(np.asarray(scenes.shroud.alpha)[i])
     return LinearBlades(
@@ -105,9 +107,15 @@ def linear_blades(scenes: Scene, i: int) -> LinearBlades:
         k=stacked(b.k_x, b.k_y, b.k_T),
         moves=moves,
         drive=load * np.exp(1j * (0.0 if first is None else first.phase))[..., None],
+        mean=np.zeros((2, 3)) if mean is None else _stacked_load(mean) * np.sin(mean.phase)[:, None],
         omega=float(drive.omega),
         axes=np.array([[np.sin(alpha), -np.cos(alpha)], [np.cos(alpha), np.sin(alpha)]]),
     )
+
+
+def _stacked_load(one: DriveHarmonic | MeanLoad) -> PerCoordinate:
+    """The amplitudes of the load of one harmonic."""
+    return np.stack([one.F_x, one.F_y, one.M_0], axis=-1)
 
 
 class HarmonicMotion(NamedTuple):
@@ -145,10 +153,9 @@ def mean_motion(rows: np.ndarray, steps: int, omega: float) -> HarmonicMotion:
 def equivalent_contact(blades: LinearBlades, rows: np.ndarray, steps: int) -> Equivalent:
     """The equivalents of the contact of a motion (1 + periods steps, 12)."""
     motion, mean = first_harmonics(rows, steps, blades.omega), mean_motion(rows, steps, blades.omega)
-    on_left, pressing = _contact_force(blades, motion, blades.drive), _contact_force(blades, mean)
-    oscillates, presses = (
-        np.abs(force).max() > NEGLIGIBLE_FORCE * np.abs(blades.drive).max() for force in (on_left, pressing)
-    )
+    on_left, pressing = _contact_force(blades, motion, blades.drive), _contact_force(blades, mean, blades.mean)
+    least = NEGLIGIBLE_FORCE * max(np.abs(blades.drive).max(), np.abs(blades.mean).max())
+    oscillates, presses = (np.abs(force).max() > least for force in (on_left, pressing))
     K = np.full(2, complex(np.nan, np.nan))
     if oscillates or presses:
         along = _relative_motion(blades, motion.q)
@@ -158,7 +165,9 @@ def equivalent_contact(blades: LinearBlades, rows: np.ndarray, steps: int) -> Eq
     return Equivalent(bool(oscillates or presses), k, c, relative_damping_ratio(blades, k, c))
 
 
-def _contact_force(blades: LinearBlades, motion: HarmonicMotion, drive: ComplexAmplitudes | float = 0.0) -> np.ndarray:
+def _contact_force(
+    blades: LinearBlades, motion: HarmonicMotion, drive: ComplexAmplitudes | PerCoordinate
+) -> np.ndarray:
     """The force of contact on the left block along x and y, from Eq. (1)."""
     load = blades.m * motion.acceleration + blades.c * motion.rate + blades.k * motion.q - drive
     return (load[0] - load[1])[:2] / 2 if blades.moves[1, 0] else load[0, :2]
