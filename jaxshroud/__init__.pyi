@@ -50,6 +50,7 @@ from .scene.checks import StepTooLongError as StepTooLongError
 from .scene.checks import StoreError as StoreError
 from .scene.config import load as load
 from .scene.drive import Drive as Drive
+from .scene.drive import Harmonic as Harmonic
 from .scene.file import Axis as Axis
 from .scene.file import SceneFile as SceneFile
 from .scene.grids import scenes_from as scenes_from
@@ -60,11 +61,13 @@ from .scene.laws import FrictionLaw as FrictionLaw
 from .scene.laws import Laws as Laws
 from .scene.laws import NormalLaw as NormalLaw
 from .scene.layout import Parts as Parts
+from .scene.points import ContactPoints as ContactPoints
 from .scene.scene import Contact as Contact
 from .scene.scene import Friction as Friction
 from .scene.scene import Row as Row
 from .scene.scene import Scene as Scene
 from .scene.scene import Shroud as Shroud
+from .scene.scene import with_contact_law as with_contact_law
 from .scene.scene import with_laws as with_laws
 from .scene.shipped import shipped as shipped
 from .scene.vary import value_of as value_of

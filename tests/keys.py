@@ -5,7 +5,8 @@
 
 from pathlib import Path
 
-from jaxshroud.scene.keys import INPUT_KEYS, MAX_BLADES, MIN_BLADES, ROW_KEYS, SCENE_KEYS, Key
+from jaxshroud.scene.keys import ALL_KEYS, HARMONIC_KEYS, INPUT_KEYS, MAX_BLADES, MIN_BLADES, ROW_KEYS, SCENE_KEYS, Key
+from jaxshroud.scene.optional import WITHOUT_EFFECT
 
 FILE = Path(__file__).parent.parent / "docs" / "keys.md"
 HEAD = """# The numbers of a scene
@@ -21,6 +22,10 @@ or a list in a [row of blades](#rows-of-blades). Lists have brackets wherever th
 |---|---|---|---|---|---|---|---|
 """
 MORE = """
+`[contact] points` is no number of the scene: a whole number from 2 to 16, or a list of places up the face from its
+middle, with a list of `shares`, makes the faces touch at
+[several points](model.md#faces-with-several-points-of-contact).
+
 ## Data as engineers have them
 
 A file may give frequencies, damping ratios and speeds instead, from which these numbers are worked out
@@ -62,9 +67,43 @@ beside it is an error. A row has the consistent reading, blades at both ends and
 | key | symbol | unit | range | per | default | example | |
 |---|---|---|---|---|---|---|---|
 """
+HARMONICS = """
+## Several harmonics
+
+Tables `[[drive.harmonic]]` drive blade i by `F sin(n (omega t + phi_i) + psi_i)` each, in the direction `beta`, and by
+a moment alike, where phi is `drive.phase` and psi the phase of the harmonic. They stand for `drive.beta`, `F_0` and
+`M_0`, which are refused beside them. `order` is n, a whole number up to 99, and no two are alike. An `engine_order` may
+stand for it: the greatest common divisor of all is then that of the drive, unless `drive.engine_order` gives a divisor
+of them, and n the multiple.
+
+```toml
+[drive]
+speed = "853 rpm"    # and the engine order 4 of the harmonics: omega
+phase = 0            # in a row left out: it follows from the engine order
+
+[[drive.harmonic]]
+engine_order = 4     # or order = 1
+F = 60
+beta = "30 deg"
+
+[[drive.harmonic]]
+engine_order = 8     # or order = 2
+F = [25, 40]
+beta = "30 deg"
+phase = ["0 deg", "90 deg"]
+```
+
+Keys count them from 0: `drive.harmonic[1].F[3]` is the force of the second harmonic on blade 3. `drive.level`
+multiplies all of them, and is what to sweep in the place of `drive.F_0`.
+
+| key | symbol | unit | range | per | default | example | |
+|---|---|---|---|---|---|---|---|
+"""
 FOOT = """
 (from the table in `jaxshroud/scene/keys.py` by `python tests/keys.py`)
 """
+OF_HARMONICS = [f"drive.harmonic[1].{name}" for name in HARMONIC_KEYS]
+HARMONIC_ROWS = [ALL_KEYS[name] for name in OF_HARMONICS]
 
 
 def line(row: Key) -> str:
@@ -72,6 +111,7 @@ def line(row: Key) -> str:
     default = {None: "none", ...: ""}.get(row.default, row.default)
     default = "`blades.m`" if row.name == "blades.m_y" else default
     unit, per = row.unit.replace("^2", "²"), "blade" if row.pair else "interface" if row.per_interface else ""
+    default = WITHOUT_EFFECT.get(row.name, 0.0 if row.name in OF_HARMONICS and default == "none" else default)
     cells = [f"`{row.name}`", f"${row.symbol}$", unit, row.range.words, per]
     example = str(row.example).replace("'", '"') if isinstance(row.example, list) else row.example
     return f"| {' | '.join([*cells, str(default), str(example), row.about])} |\n"
@@ -79,7 +119,7 @@ def line(row: Key) -> str:
 
 def page() -> str:
     """The whole page."""
-    tables = {HEAD: SCENE_KEYS, MORE: INPUT_KEYS, ROW: ROW_KEYS.values()}
+    tables = {HEAD: SCENE_KEYS, MORE: INPUT_KEYS, HARMONICS: HARMONIC_ROWS, ROW: ROW_KEYS.values()}
     return "".join(head + "".join(map(line, rows)) for head, rows in tables.items()) + FOOT
 
 

@@ -292,6 +292,7 @@ def free_status(scene: Scene, motion: Motion, turned: Scalar) -> Int[Array, ""]:
 def _period_mean_square(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> tuple[PerBlade, Float[Array, "2 3"]]:
     """The square displacement averaged over each block and the period from `first` on, and the sizes of x, y and theta.
 
+    They are measured from the static position under the mean loads.
     The mean squares of x and y are quadratic forms of the state at the start of the period, the same for every period;
     theta must be evaluated at all nodes. Its size is its maximum there; the size of x and y is the amplitude of a sine
     of equal mean square.
@@ -301,7 +302,7 @@ def _period_mean_square(scene: Scene, first: Motion, turns: Scalar, nodes: int) 
     """
     place, weights = np.polynomial.legendre.leggauss(nodes)
     dtype = scene.drive.omega.dtype
-    weights, start = jnp.asarray(weights / 2, dtype), free_components(scene, first, turns)
+    weights, start = jnp.asarray(weights / 2, dtype), free_components(scene, first, turns, from_static=True)
     course, _ = free_propagators(scene, jnp.asarray((place + 1) / 2, dtype) * scene.drive.period)
     form = jnp.einsum("n,nbik,nbil->bikl", weights, course[:, :, :2], course[:, :, :2])
     bending = jnp.einsum("bik,bikl,bil->bi", start[:, :2], form, start[:, :2])

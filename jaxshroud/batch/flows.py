@@ -29,9 +29,9 @@ from jaxshroud.march.locate import select
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import begin_lane
 from jaxshroud.model.arithmetic import Pair, Scalar, filled, is_zero
-from jaxshroud.model.geometry import ContactKinematics
+from jaxshroud.model.geometry import Kinematics
 from jaxshroud.model.modes import FLAT, Mode, Status
-from jaxshroud.model.prepared import Model, State, has_torsion, prepared_model
+from jaxshroud.model.prepared import Model, State, prepared_model, touches_at_corners
 from jaxshroud.model.rhs import Means, Moments, parallel_mean
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
@@ -63,7 +63,7 @@ def canonical(state: State, scene_model: Model) -> State:
 
     Numbers on which no later motion depends are then unique, and have no tangent.
     """
-    if has_torsion(scene_model) and scene_model.law.has_events:
+    if touches_at_corners(scene_model) and scene_model.law.has_events:
         angles = lambda motion: (motion.theta, motion.v_theta)
         level = [select(state.case == FLAT, parallel_mean(pair, scene_model), pair) for pair in angles(state.motion)]
         state = eqx.tree_at(lambda s: angles(s.motion), state, tuple(level))
@@ -74,10 +74,11 @@ def canonical(state: State, scene_model: Model) -> State:
     return eqx.tree_at(lambda s: s.u_s, state, u_s)
 
 
-def canonical_slider(at: ContactKinematics, state: State, scene_model: Model) -> Scalar:
+def canonical_slider(at: Kinematics, state: State, scene_model: Model) -> Scalar:
     """The slider that the mode determines in slip and when apart; else that of the state."""
-    u_s = at.u - scene_model.law.stretch(at.v, at.u, state.u_s, state.mode)
-    return jnp.where(state.mode == Mode.APART, 0.0, u_s)
+    w = scene_model.law.stretch_at(at, state.u_s, state.mode)
+    sliders = jax.tree.map(lambda w: at.u - w, w)
+    return jax.tree.map(lambda u_s, mode: jnp.where(mode == Mode.APART, 0.0, u_s), sliders, state.mode)
 
 
 LANES_PER_FLOW = (16, 64)  # for few and for many lanes: a loop of fewer does not amortise its dispatch

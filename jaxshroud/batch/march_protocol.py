@@ -21,9 +21,9 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import Stepper
 from jaxshroud.march.tableau import Tableau, TaylorOptions
 from jaxshroud.model.arithmetic import Scalar
+from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.prepared import State
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import ContactPart
 from jaxshroud.scene.scene import Scene
 
 OfContact = Float[Array, "..."]  # of a row at each interface
@@ -131,7 +131,7 @@ class March(NamedTuple):
     """(scene, method) -> the size of a trial step of one lane."""
     stepping: Callable[[Choices], Tableau | TaylorOptions | None]
     """The method by which it steps; None in closed form."""
-    contacts: tuple[ContactPart, ...]
-    """The kinds of contact that it knows."""
+    knows: Callable[[type[ContactLaw]], bool]
+    """Whether it knows a law of contact of that kind."""
     steppers: tuple[Stepper, ...]
     """The steppers that it knows."""

@@ -15,6 +15,8 @@ from jaxshroud.batch.rows import ROW_FLOWS, ROW_KERNELS, balance_of_rows, begin_
 from jaxshroud.batch.stepped_runs import stepped_runs, stepped_trajectories
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import POWER_SERIES, RUNGE_KUTTA, stepper_for
+from jaxshroud.model.prepared import law_type
+from jaxshroud.model.spring_contact import NoContact
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.layout import LIMITED, PAIR
 from jaxshroud.scene.scene import Scene
@@ -32,7 +34,7 @@ PAIRS = March(
     pure=PURE_PAIRS,
     trial_size=size_of_pair_trial,
     stepping=attrgetter("tableau"),
-    contacts=("spring", "smooth", "own"),
+    knows=lambda law: law is not NoContact,
     steppers=(RUNGE_KUTTA, POWER_SERIES),
 )
 ROWS = March(
@@ -48,12 +50,16 @@ ROWS = March(
     pure=PURE_ROWS,
     trial_size=size_of_row_trial,
     stepping=attrgetter("tableau"),
-    contacts=("spring", "smooth"),
+    knows=lambda law: law.marches_in_rows,
     steppers=(RUNGE_KUTTA,),
 )
 # Blades that never touch have a closed form; where tangents or motions alone are wanted, they are marched as pairs.
 WITHOUT_CONTACT = PAIRS._replace(
-    run=closed_form_runs, trajectories=free_trajectories, trial_size=no_trial, stepping=no_steps, contacts=("none",)
+    run=closed_form_runs,
+    trajectories=free_trajectories,
+    trial_size=no_trial,
+    stepping=no_steps,
+    knows=lambda law: law is NoContact,
 )
 
 
@@ -66,13 +72,12 @@ def march_of(scenes: Scene) -> March:
 
 def require_march(scenes: Scene, method: Choices) -> None:
     """Raise InputError unless the march of scenes and the stepper of the method know their contact and each other."""
-    march, stepper, contact = march_of(scenes), stepper_for(method), scenes.parts.contact
+    march, stepper, law = march_of(scenes), stepper_for(method), law_type(scenes)
     if march is not ROWS and scenes.blade_matrices is not None:
         raise InputError("Blades with matrices march in rows so far: the pair's kernels know lumped blades.")
-    if contact not in march.contacts:
-        raise InputError(LIMITED[f'`parts.contact` = "{contact}"'].refusal())
+    if not march.knows(law):
+        raise InputError(LIMITED[f'`parts.contact` = "{scenes.parts.contact}"'].refusal())
     if stepper not in march.steppers:
         raise InputError(LIMITED["the method taylor"].refusal("The method taylor"))
-    if contact not in stepper.contacts:
-        what = "smooth contact" if contact == "smooth" else "own laws"
-        raise InputError(f"The method taylor knows located contact, not {what}; take a Runge-Kutta method.")
+    if not stepper.knows(law):
+        raise InputError(f"The method taylor knows located contact, not {law.called}; take a Runge-Kutta method.")

@@ -41,11 +41,12 @@ from jaxshroud.march.carry import EachLane, Fixed, Lane
 from jaxshroud.march.events import evaluate_guards
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import energy_residual, total_energy
-from jaxshroud.march.start import EVENTS_AT_START, next_at_start
+from jaxshroud.march.start import events_at_start, next_at_start
 from jaxshroud.march.stepper import DenseOutput, stepper_for
 from jaxshroud.model.arithmetic import Scalar, filled, sincos_turns
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import Mode, Status
+from jaxshroud.model.points_contact import by_point, interface_mode
 from jaxshroud.model.prepared import State, prepared_model
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
@@ -239,7 +240,8 @@ def sampled_pairs(scenes: Scene, states: State, grid: SampleGrid, method: Choice
 def _begun(scenes: Scene, first: State, turns: float) -> State:
     """The states (leading axis) once all has happened that happens at the instant of their start."""
     forces = sampled_contact_forces(scenes, jax.tree.map(lambda a: np.asarray(a)[:, None], first), np.array([turns]))
-    overlap = (np.asarray(first.mode) == Mode.APART) & (forces.v[:, 0] >= 0)
+    apart = np.asarray(interface_mode(by_point(first.mode, first.case))) == Mode.APART
+    overlap = apart & (forces.v[:, 0] >= 0)
     return _states_once_begun(scenes, first, np.asarray(turns, first.u_s.dtype)) if overlap.any() else first
 
 
@@ -249,7 +251,7 @@ def _states_once_begun(scenes: Scene, states: State, turns) -> State:
         model = prepared_model(scene)
         start = now = carried_state(state, model)
         wave = drive_waves(*sincos_turns(turns), model.drive)
-        for _ in range(EVENTS_AT_START):
+        for _ in range(events_at_start(model)):
             now = next_at_start(now, start, evaluate_guards(now.motion, wave, now, model), model)
         return with_slider_updated(now, jnp.int32(Status.OK), model)
 

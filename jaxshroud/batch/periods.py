@@ -64,8 +64,19 @@ def march(
     once = jax.jit(lambda lanes: advance(lanes, fixed, method, each, lane_of))  # traced once
     if most_trials is not None:
         return lax.fori_loop(0, most_trials, lambda _, lanes: once(lanes), lanes)
-    stops = lane_of(fixed).stop
     several = stage_groups(method, lane_of(fixed).model.law.is_long) is not None
+    return repeated_trials(once, lanes, lane_of(fixed).stop, several, lane_of, passes)
+
+
+def repeated_trials(
+    once: Callable[[Tree], Tree],
+    lanes: Tree,
+    stops: Int[Array, " lanes"],
+    several: bool,
+    lane_of: LaneSelector = whole_tree,
+    passes: Int[Array, ""] | None = None,
+) -> Any:
+    """Lanes, or rows, after trials by `once` until all are at the start of step `stops` or not OK; see `march`."""
     return repeated_while(lambda lanes: jnp.any(running(lane_of(lanes), stops)), once, lanes, several, passes)
 
 

@@ -32,7 +32,7 @@ from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.scene.checks import MAX_COUNT, InputError, count_argument
-from jaxshroud.scene.layout import require_capability
+from jaxshroud.scene.layout import require_capability, require_points
 from jaxshroud.scene.scene import PerBlade, Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
@@ -114,6 +114,7 @@ def rollout(
     """
     schedule = _schedule(n_periods, every, method, most_trials)
     require_single_scene("rollout", scene)
+    require_points("rollout", scene.contact.points)
     scene, state = _in_method_precision(scene, state, schedule.method)
     require_march(scene, schedule.method)
     begin = admit(scene, state, schedule.steps, schedule.method)
@@ -170,6 +171,7 @@ def most_trials(
     """
     require_capability("`most_trials`", scene.layout)
     require_single_scene("most_trials", scene)
+    require_points("most_trials", scene.contact.points)
     schedule = _schedule(n_periods, None, method, MAX_COUNT)
     require_march(scene, schedule.method)
     schedule = schedule._replace(method=as_differentiable(schedule.method))
@@ -231,6 +233,7 @@ def period_map(
     """
     require_capability("`period_map`", scene.layout)
     require_single_scene("period_map", scene)
+    require_points("period_map", scene.contact.points)
     count_argument("n_periods", n_periods, 1)
     if most_trials is not None:
         count_argument("most_trials", most_trials, 1)

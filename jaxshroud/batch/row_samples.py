@@ -27,11 +27,12 @@ from jaxshroud.batch.stretches import SampledLanes, march_in_stretches, values_b
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.carry import EachLane, Fixed, Lane, TimeGrid, running
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observables import ContactForces
+from jaxshroud.march.observables import ContactForces, stacked_point_forces
 from jaxshroud.march.row_guards import interface_view, row_contact_forces, row_torques
-from jaxshroud.march.start import EVENTS_AT_START, next_at_start
+from jaxshroud.march.start import events_at_start, next_at_start
 from jaxshroud.model.arithmetic import ZERO, filled, sincos_turns
 from jaxshroud.model.modes import Mode, Status
+from jaxshroud.model.points_contact import by_point, interface_mode
 from jaxshroud.model.prepared import State
 from jaxshroud.model.row import RowModel, over, pair_states
 from jaxshroud.scene.keys import Motion
@@ -102,10 +103,11 @@ def _row_sample(lanes: Lane, model: RowModel, clock: Clock, grids: TimeGrid, eac
 
 def _sampled(lanes: Lane, turns: Float[Array, " lanes"], model: RowModel, each: EachLane) -> RowSamples:
     forces = row_contact_forces(lanes.state, each(sincos_turns, turns), model, each)
-    zero = jnp.zeros(lanes.state.mode.shape, turns.dtype)
+    zero = jnp.zeros(lanes.state.case.shape, turns.dtype)
     lost = lanes.status != Status.OK
-    point = forces.contact_point
-    forces = filled(forces._replace(contact_point=ZERO), zero)._replace(contact_point=point)
+    point, of_points = forces.contact_point, stacked_point_forces(forces.points, zero, -2)
+    forces = filled(forces._replace(contact_point=ZERO, points=None), zero)
+    forces = forces._replace(contact_point=point, points=of_points)
     return RowSamples(
         updated_slider(lanes.state, lanes.status, model, each),
         jax.tree.map(lambda a: jnp.where(lost, jnp.nan, a), forces),
@@ -130,7 +132,7 @@ def _rows_once_begun(scenes: Scene, lanes: Lane, start: Any, each: EachLane) -> 
         after = next_at_start(now, start, interface_view(torque, now, model), model)
         return after.u_s, after.mode, after.case
 
-    for _ in range(EVENTS_AT_START):
+    for _ in range(events_at_start(model.interfaces)):
         torque, _ = row_torques(now, wave, model, each)
         u_s, mode, case = over(each, at_interface, torque, pairs(now), pairs(lanes.state), model.interfaces)
         now = State(now.motion, u_s, mode, case)
@@ -169,7 +171,8 @@ def march_row_samples(scenes: Scene, states: State, grid: SampleGrid, method: Ch
     lanes = begin_rows(scenes, states, method)
     before = np.asarray(stored_energies_of_rows(scenes, lanes, each))
     first = host(_first_sample(scenes, lanes, clock.start, each))
-    if np.any((first.state.mode == Mode.APART) & (first.forces.v >= 0)):
+    apart = np.asarray(interface_mode(by_point(first.state.mode, first.state.case))) == Mode.APART
+    if np.any(apart & (first.forces.v >= 0)):
         begun = _rows_once_begun(scenes, lanes, clock.start, each)
         first = host(_first_sample(scenes, begun, clock.start, each))
 

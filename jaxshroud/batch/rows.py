@@ -18,12 +18,12 @@ from jaxtyping import Array, Float, Int
 from jaxshroud.batch.blocks import PeriodKernels
 from jaxshroud.batch.duals import Dual, differentiable
 from jaxshroud.batch.flows import FlowPrograms, FlowWithMoments, canonical_slider
-from jaxshroud.batch.periods import LOGGED_BY_PERIOD, CallLimits, Sample, periods_within
+from jaxshroud.batch.periods import LOGGED_BY_PERIOD, CallLimits, Sample, periods_within, repeated_trials
 from jaxshroud.batch.states import by_blade
 from jaxshroud.batch.stretches import EnergyBalance
-from jaxshroud.batch.xla import best_mapping, compiled, repeated_while
+from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.accumulator import Accumulator, EnergyJumps, mean_position
-from jaxshroud.march.carry import EachLane, Fixed, Lane, PerLane, running, time_grid
+from jaxshroud.march.carry import EachLane, Fixed, Lane, PerLane, time_grid
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.log import accumulator_of_new_period
 from jaxshroud.march.method import Choices
@@ -31,6 +31,7 @@ from jaxshroud.march.observables import contact_spring_energy, energy_residual, 
 from jaxshroud.march.row_trial import begin_row, row_trial
 from jaxshroud.model.arithmetic import ZERO, filled, is_zero
 from jaxshroud.model.modes import FLAT, Status
+from jaxshroud.model.points_contact import points_last
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import Ledger
 from jaxshroud.model.row import RowModel, blade_energies, blade_positions, clusters, over, pair_states, prepared_row
@@ -78,13 +79,15 @@ def carried_row(state: State, model: RowModel) -> State:
         motion = Motion(*(a if moves(name) else ZERO for name, a in zip(Motion._fields, motion, strict=True)))
         motion = model.blades.carried(motion)
     law = model.interfaces.law
-    return State(motion, law.carried_slider(state.u_s, state.mode), law.carried_mode(state.mode), state.case)
+    u_s, mode = state.u_s, state.mode
+    if law.has_points and not isinstance(mode, tuple):
+        u_s, mode = (jnp.moveaxis(a, 1, 0) for a in (u_s, mode))  # the axis of points first
+    return State(motion, law.carried_slider(u_s, mode), law.carried_mode(mode), state.case)
 
 
 def march_rows(lanes: Lane, fixed: Fixed, method: Choices, each: EachLane, passes: Int[Array, ""] | None = None) -> Any:
     """Run every row to the start of step `stop`, or until its status is not OK; `passes` as in `periods.march`."""
-    going = lambda lanes: jnp.any(running(lanes, fixed.stop))
-    return repeated_while(going, lambda lanes: row_trial(lanes, fixed, method, each), lanes, True, passes)
+    return repeated_trials(lambda lanes: row_trial(lanes, fixed, method, each), lanes, fixed.stop, True, passes=passes)
 
 
 def energies_in_rows(state: State, model: RowModel, each: EachLane) -> Float[Array, " lanes"]:
@@ -115,9 +118,9 @@ def updated_slider(state: State, status: Int[Array, " lanes"], model: RowModel, 
     """A state with its sliders updated and zeros for what is absent; NaN where the status is not OK."""
     u_s = over(each, slider_position, pair_states(state, model), model.interfaces)
     z = model.blades.shroud(state.motion)
-    motion, u_s = filled(z, z.x), filled(u_s, jnp.zeros(state.mode.shape, z.x.dtype))
+    motion, u_s = filled(z, z.x), filled(u_s, jnp.zeros(state.case.shape, z.x.dtype))
     motion, u_s = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), (motion, u_s))
-    return State(motion, u_s, state.mode, state.case)
+    return State(motion, points_last(u_s, -2), points_last(state.mode, -2), state.case)
 
 
 def _begin_row_period(
@@ -259,7 +262,7 @@ def _end_of_rows(lanes: Lane, model: RowModel, time: Any, each: EachLane) -> Flo
     overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(jnp.sum(power, axis=0))
     status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
     end = canonical_row(lanes.state, model, each)
-    motion, u_s = filled(end.motion, end.motion.x), filled(end.u_s, jnp.zeros(end.mode.shape, power.dtype))
+    motion, u_s = filled(end.motion, end.motion.x), filled(end.u_s, jnp.zeros(end.case.shape, power.dtype))
     return FlowWithMoments(State(motion, u_s, end.mode, end.case), power, status, mean(gain.moments), mean(gain.means))
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from functools import reduce
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -22,6 +23,7 @@ from jaxshroud.march.observables import slider_position
 from jaxshroud.march.stepper import stepper_for
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.modes import Status
+from jaxshroud.model.points_contact import points_last
 from jaxshroud.model.prepared import Model, State, prepared_model
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
@@ -104,7 +106,7 @@ def with_slider_updated(state: State, status: Int[Array, ""], scene_model: Model
     motion, state = state.motion, with_zeros(state)
     u_s = slider_position(State(motion, state.u_s, state.mode, state.case), scene_model)
     motion, u_s = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), (as_arrays(state.motion), u_s))
-    return State(motion, u_s, state.mode, state.case)
+    return State(motion, points_last(u_s), points_last(state.mode), state.case)
 
 
 class SampledMarch(NamedTuple):
@@ -291,7 +293,8 @@ def _event_trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choice
 
 def event_fired(before: Lane, after: Lane) -> Array:
     """Whether a trial ended at an event: each event changes the mode or the case."""
-    return (after.state.mode != before.state.mode) | (after.state.case != before.state.case)
+    changed = jax.tree.leaves(jax.tree.map(jnp.not_equal, after.state.mode, before.state.mode))
+    return reduce(jnp.logical_or, changed) | (after.state.case != before.state.case)
 
 
 def _step_ended(before: Lane, after: Lane) -> Array:

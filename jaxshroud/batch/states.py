@@ -8,10 +8,11 @@ import numpy as np
 
 from jaxshroud.cache.programs import is_traced, kept
 from jaxshroud.march.log import is_of_blades
-from jaxshroud.march.observables import ContactForces, contact_forces
+from jaxshroud.march.observables import ContactForces, contact_forces, stacked_point_forces
 from jaxshroud.model.arithmetic import ZERO, filled, is_zero, sincos_turns
 from jaxshroud.model.blade import ElasticMotion
 from jaxshroud.model.drive import drive_waves
+from jaxshroud.model.points_contact import points_last
 from jaxshroud.model.prepared import Model, State, as_pairs, prepared_model
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import COORDINATES, PAIR, Layout
@@ -23,8 +24,11 @@ def initial_states(scenes: Scene) -> State:
     """The initial state of each scene (leading axis), which lets nothing be compiled."""
     like = jnp if is_traced(scenes) else np
     motion, one = scenes.initial, scenes.friction.mu  # at each interface
-    nothing = like.zeros_like(one, np.int32)
-    return State(motion, like.zeros_like(one, motion.x.dtype), nothing, nothing)
+    nothing, points = like.zeros_like(one, np.int32), scenes.contact.points
+    if points is None:
+        return State(motion, like.zeros_like(one, motion.x.dtype), nothing, nothing)
+    shape = (*np.shape(one), points.number)
+    return State(motion, like.zeros(shape, motion.x.dtype), like.zeros(shape, np.int32), nothing)
 
 
 def carried_state(state: State, model: Model) -> State:
@@ -39,7 +43,12 @@ def carried_state(state: State, model: Model) -> State:
 def with_zeros(state: State) -> State:
     """A state of compiled loops with zeros for absent numbers."""
     motion, u_s = filled((state.motion, state.u_s), state.motion.x[0])
-    return State(motion, u_s, state.mode, state.case)
+    return State(motion, _sliders_like(state.mode, u_s), state.mode, state.case)
+
+
+def _sliders_like(mode: Any, u_s: Any) -> Any:
+    """A slider for each mode: where several points have none, one zero stands for all of them."""
+    return tuple(u_s for _ in mode) if isinstance(mode, tuple) and not isinstance(u_s, tuple) else u_s
 
 
 def as_arrays(motion: Motion) -> Motion:
@@ -75,8 +84,9 @@ def final_states(state: State) -> State:
     if isinstance(state.motion, ElasticMotion):
         return state
     like = np.asarray(jax.tree.leaves(state.motion.x)[0])
-    motion, u_s = filled(state.motion, like), filled(state.u_s, np.asarray(state.mode, like.dtype))
-    return State(by_blade(motion), u_s, state.mode, state.case)
+    motion, u_s = filled(state.motion, like), filled(state.u_s, np.asarray(state.case, like.dtype))
+    u_s, mode = points_last(_sliders_like(state.mode, u_s)), points_last(state.mode)
+    return State(by_blade(motion), u_s, mode, state.case)
 
 
 def shroud_motion(motion: Any, scenes: Scene) -> Motion:
@@ -102,11 +112,14 @@ def to_vector(state: State) -> np.ndarray:
     return np.concatenate([*state.motion, sliders], axis=-1)
 
 
-def from_vector(vector: np.ndarray, mode: Any, case: Any, layout: Layout = PAIR) -> State:
-    """The inverse of `to_vector`."""
+def from_vector(vector: np.ndarray, mode: Any, case: Any, layout: Layout = PAIR, points: int = 0) -> State:
+    """The inverse of `to_vector`, with so many points of contact of a face, 0 where a corner touches."""
     blades = layout.blades
     motion = Motion(*(vector[..., i : i + blades] for i in range(0, 6 * blades, blades)))
-    return State(motion, layout.at_interfaces(vector[..., 6 * blades :]), mode, case)
+    sliders = vector[..., 6 * blades :]
+    if points:
+        return State(motion, sliders.reshape(*vector.shape[:-1], *layout.interface_shape, points), mode, case)
+    return State(motion, layout.at_interfaces(sliders), mode, case)
 
 
 SAMPLES_PER_CALL = 1024  # one program for runs of any length
@@ -146,7 +159,8 @@ def _forces_of_block(scenes: Scene, states: State, turns) -> ContactForces:
             forces = contact_forces(drive_waves(*sincos_turns(turns), model.drive), carried, model)
             force = lambda a: jnp.zeros_like(forces.v) if is_zero(a) else a
             lost = jnp.isnan(forces.v)
-            forces = forces._replace(N=force(forces.N), F=force(forces.F))
+            of_points = stacked_point_forces(forces.points, jnp.zeros_like(forces.v))
+            forces = forces._replace(N=force(forces.N), F=force(forces.F), points=of_points)
             return jax.tree.map(lambda a: jnp.where(lost, jnp.nan, a), forces)
 
         return jax.vmap(one)(states, turns)

@@ -31,7 +31,7 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import is_unbalanced
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Status
-from jaxshroud.model.prepared import State
+from jaxshroud.model.prepared import State, law_type
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
 
@@ -164,7 +164,7 @@ def stepped_trajectories(
         integrals = jax.tree.leaves((last.accumulator.integrals, after - before))
         finite = np.isfinite(sum(np.asarray(a, float).reshape(len(before), -1).sum(axis=-1) for a in integrals))
     status = np.where((last.status == Status.OK) & ~finite, Status.NOT_FINITE, last.status)
-    if balance is not None and scenes.laws is not None:
+    if balance is not None and law_type(scenes).may_create_energy:
         astray = is_unbalanced(*map(jnp.asarray, (balance.residual, balance.works.gross, before, after)))
         status = np.where((status == Status.OK) & np.asarray(astray), Status.UNBALANCED, status)
     counters = filled(last.accumulator.log.counters, marched.samples["mode"][:, 0])

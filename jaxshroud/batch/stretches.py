@@ -11,9 +11,10 @@ from jaxshroud.batch.sampling import EventStates, SampleGrid, Stretch, concatena
 from jaxshroud.batch.states import final_states, shroud_motion
 from jaxshroud.march.accumulator import ContactTimes
 from jaxshroud.march.observables import ContactForces
-from jaxshroud.model.arithmetic import is_zero
+from jaxshroud.model.arithmetic import ZERO, is_zero
 from jaxshroud.model.contact_law import ContactLoads
 from jaxshroud.model.modes import Mode
+from jaxshroud.model.points_contact import by_point, interface_mode
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Ledger
 from jaxshroud.scene.keys import Motion
@@ -99,10 +100,16 @@ def march_in_stretches(
 
 def values_by_name(states: State, forces: ContactForces) -> dict[str, Any]:
     """What is told of states and forces, by the names of results; what a model lacks is left out."""
+    of_face = {name: a for name, a in forces._replace(points=ZERO)._asdict().items() if not is_zero(a)}
+    slider, states_of_points = np.where(states.mode == Mode.APART, np.nan, states.u_s), {}
+    if not is_zero(forces.points):
+        of_each = {"mode": states.mode, "u_s": slider, **forces.points._asdict()}
+        states_of_points = {f"point_{name}": a for name, a in of_each.items()}
     return {
         "motion": states.motion,
-        "u_s": np.where(states.mode == Mode.APART, np.nan, states.u_s),
-        "mode": states.mode,
+        **({} if states_of_points else {"u_s": slider}),
+        "mode": np.asarray(interface_mode(by_point(states.mode, states.case))),
         "case": states.case,
-        **{name: a for name, a in forces._asdict().items() if not is_zero(a)},
+        **of_face,
+        **states_of_points,
     }

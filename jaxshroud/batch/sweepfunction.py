@@ -17,11 +17,12 @@ from jaxshroud.batch.stopped import admit, nan_where, replaced_where, status_if_
 from jaxshroud.batch.xla import compiled
 from jaxshroud.march.method import EXPLICIT, Choices, Method, explicit
 from jaxshroud.model.geometry import gyration
-from jaxshroud.model.linear import area, free_power, power_reduction, vibration_square
+from jaxshroud.model.linear import area, free_power, means_from_static, power_reduction, vibration_square
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.scene.checks import InputError, count_argument
 from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.layout import require_points
 from jaxshroud.scene.scene import PerBlade, Scene
 from jaxshroud.scene.typed import Tree, typed
 from jaxshroud.scene.valid import in_precision
@@ -88,6 +89,7 @@ def sweep_function(
             raise InputError(
                 "A sweep function takes scenes with one leading axis, as of js.scenes_from; or use js.rollout."
             )
+        require_points("sweep_function", scenes.contact.points)
         require_march(scenes, plan.method)
         scenes = in_precision(scenes, plan.method.precision)
         begin = initial_states(scenes) if states is None else in_precision(states, plan.method.precision)
@@ -123,6 +125,7 @@ def _run_sweep(scenes: Scene, states: State, plan: SweepPlan, method: Choices) -
     power = jnp.stack(outcomes.power, axis=-1)
     means = jnp.stack([jnp.stack(blades, axis=-1) for blades in outcomes.means], axis=1)
     square, means = replaced_where(stopped, (power, means), 0.0)
+    means = jax.vmap(means_from_static)(told, means)
     about_mean = jax.vmap(vibration_square)(square[:, : means.shape[-1]], means, jax.vmap(gyration)(told.shroud))
     P, P_vibration = A[:, None] * square, A[:, None] * about_mean
     P_d, P_d_vibration = (power_reduction(pure.counted(a), pure.counted(P_0)) for a in (P, P_vibration))

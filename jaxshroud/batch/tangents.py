@@ -26,7 +26,7 @@ from jaxshroud.model.prepared import State
 from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, worked_out
 from jaxshroud.scene.keys import find_key, number_shape
 from jaxshroud.scene.scene import Scene, without_given
-from jaxshroud.scene.vary import given_of, numbers_of
+from jaxshroud.scene.vary import field_of, given_of, numbers_of
 
 
 def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Choices, turns: np.ndarray | None = None) -> Dual:
@@ -121,7 +121,7 @@ class TangentProblem(NamedTuple):
     @property
     def by_start(self) -> int:
         """The number of directions of the initial state."""
-        return self.scene.layout.state_size if self.by_state else 0
+        return self.scene.state_size if self.by_state else 0
 
     @property
     def lanes(self) -> int:
@@ -134,10 +134,10 @@ class TangentProblem(NamedTuple):
         lanes, state, scene = self.lanes, in_scene_precision(self.state, self.scene), without_given(self.scene)
         still = [jax.tree.map(np.zeros_like, scene)] * (lanes - len(self.directions))
         along = jax.tree.map(lambda *a: np.stack(a), *still, *self.directions)
-        size = scene.layout.state_size
+        size = scene.state_size
         unit = np.zeros((lanes, size), scene.drive.omega.dtype)
         unit[: self.by_start] = np.eye(size)[: self.by_start]
-        shift = from_vector(unit, None, None, scene.layout)
+        shift = from_vector(unit, None, None, scene.layout, scene.points)
         return Dual(repeat_lane(scene, lanes), along), Dual(repeat_lane(state, lanes), shift)
 
     def tangents(self, flows: Dual) -> Tangents:
@@ -223,7 +223,7 @@ def direction(scene: Scene, key: str) -> Scene:
 
     rates = jax.jvp(dependent, (old,), (unit,))[1] if given else {}
     rates |= {} if holder is given else {row.name: unit}
-    places = lambda s: [getattr(getattr(s, table), name) for table, name in (name.split(".") for name in rates)]
+    places = lambda s: [field_of(s, name) for name in rates]
     return eqx.tree_at(places, jax.tree.map(np.zeros_like, without_given(scene)), list(rates.values()))
 
 

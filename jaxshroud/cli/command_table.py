@@ -121,7 +121,7 @@ COMMANDS = {
             *METHOD_FLAGS,
             "--force",
             "--transient",
-            Option("--by", "number to rank by; by default the largest P_d", choices=RANKED_BY, default="P_d"),
+            Option("--by", "number to rank by; by default the largest P_d", choices=RANKED_BY),
             shared_option("--out", help="ranked table; or .nc", metavar="FILE.csv"),
         ),
         arguments=("n_periods", "transient", "by"),

@@ -26,6 +26,7 @@ from jaxshroud.results.scatter import SHARES, Report, Scatter
 from jaxshroud.results.tuned import Tuned
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import parse_key
+from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.quantities import is_reduction, unit_of
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
@@ -60,7 +61,8 @@ def _tuning_corners(call: VerbCall) -> Scene:
     file, options, arguments = call
     scattering = scattering_of(arguments["scatters"], options.draws, options.seed, file.layout)
     robustness_request(scattering is not None, options.loss, options.at_least, options.check_draws, options.motions)
-    problem = problem_of(file.scene, arguments["over"], arguments["conditions"], scattering, options.of)
+    of = options.of or counted_reduction(file.scene)
+    problem = problem_of(file.scene, arguments["over"], arguments["conditions"], scattering, of)
     check_comparable(problem)
     check_size(problem.runs * _map_side(options) ** 2, file.run.transient, file.run.periods)
     return design_corners(problem)
@@ -181,8 +183,9 @@ def _scatter_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str
 def _scatter_corners(call: VerbCall) -> Scene:
     """The scenes at the ends of the scatter."""
     scene = call.file.scene
-    if is_reduction(call.options.of) and not call.options.over:
-        check_vibration(call.options.of, scene)
+    of = call.options.of or counted_reduction(scene)
+    if is_reduction(of) and not call.options.over:
+        check_vibration(of, scene)
     return design_corners(problem_of(scene, scatter_bounds(scene, call.arguments["scatters"]), {}))
 
 

@@ -21,6 +21,7 @@ from jaxshroud.orbits.bifurcation import grazing_margins
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import parse_key
+from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.quantities import Quantity, is_reduction, unit_of
 from jaxshroud.signals.amplitudes import check_resonance, check_vibration
 from jaxshroud.signals.effects import Effect, with_interval
@@ -36,10 +37,11 @@ def _gradient_arguments(file: SceneFile, options: argparse.Namespace) -> dict[st
         require_free(options.out.with_suffix(".png"), options.force)
     if not 0 < options.sigma < float("inf"):
         raise CommandError(f"--sigma must be positive, but is {options.sigma}")
-    if is_reduction(options.of):
+    of = options.of or counted_reduction(file.scene)
+    if is_reduction(of):
         with input_errors_at(file.name):
-            check_vibration(options.of, file.scene)
-            check_resonance(options.of, file.scene)
+            check_vibration(of, file.scene)
+            check_resonance(of, file.scene)
     keys = [key.strip() for key in options.wrt.split(",")]
     return {"wrt": "all" if options.wrt == "all" else list(dict.fromkeys(keys))}
 

@@ -188,7 +188,7 @@ SHARED_OPTIONS = {
         Option("--spread", "number and its half width in percent", default=[], metavar="K=P%", action="append"),
         Option("--most-penetration", "limit, e.g. 0.2mm", metavar="LENGTH"),
         Option("--most-force", "limit of the normal force, e.g. 500N", metavar="FORCE"),
-        Option("--of", "power or amplitude, of the left blade, or of a row", choices=QUANTITY_WORDS, default="P_d"),
+        Option("--of", "power or amplitude, of the left blade, or of a row", choices=QUANTITY_WORDS),
         Option("--at-least", "P_d [%%] whose probability is computed", number, metavar="P_d"),
         # Random numbers, and counts.
         Option("--samples", "rows of draws of the scatter", count(2), metavar="N"),

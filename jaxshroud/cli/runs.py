@@ -27,6 +27,7 @@ from jaxshroud.orbits.short_runs import trajectory_ends
 from jaxshroud.results.amplitudes import amplitude_numbers, load_numbers
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import PAIR
+from jaxshroud.scene.preload import is_preloaded
 from jaxshroud.signals.amplitudes import check_vibration
 from jaxshroud.signals.effects import with_interval
 from jaxshroud.verbs.arguments import check_row
@@ -95,10 +96,12 @@ def _power_arguments(file: SceneFile, options: argparse.Namespace) -> Mapping[st
 def _output_power(completed: CompletedCall) -> None:
     write_files(completed)
     final = completed.result.final
+    of_vibration = {"P_d of the vibration": with_interval(final["P_d_vibration"], final["P_d_vibration_ci"], "%")}
     rows = {
+        **(of_vibration if is_preloaded(completed.file.scene) else {}),
         "P_d": with_interval(final["P_d"], final["ci"], "%"),
         **({"P_d of the worst blade": f"{final['P_d_worst']:.4g} %"} if "P_d_worst" in final else {}),
-        "P_d of the vibration": with_interval(final["P_d_vibration"], final["P_d_vibration_ci"], "%"),
+        **of_vibration,
         **({"static deflection": completed.result.static_deflection} if completed.result.static_deflection else {}),
         "periods": final["n"],
         "stable": final["stable"],

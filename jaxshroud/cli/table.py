@@ -14,6 +14,7 @@ from jaxshroud.march.method import FOR_P_D
 from jaxshroud.march.method_names import LARGEST_FIRST
 from jaxshroud.results.base import ORIGIN
 from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.options import resolve_options
@@ -33,7 +34,7 @@ def _table_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, 
         raise CommandError(f"--out {options.out}: must end in .csv, the ranked table, or in .nc")
     table = read_csv(options.designs)
     with input_errors_at(file.name):
-        check_ranking(options.by, file.scene)
+        check_ranking(options.by or counted_reduction(file.scene), file.scene)
     with input_errors_at(str(options.designs)):
         return {"designs": checked_designs(table.columns, file.scene, table.faults, table.decimal_comma)}
 

@@ -202,7 +202,7 @@ class Centre:
 
     def mark(self, selected: dict[str, float], file: SceneFile) -> None:
         """Mark the value whose motion is shown: that of a click, or the scene's own."""
-        table, name = self.window.key.split(".")
+        table, _, name = self.window.key.partition(".")
         own = file.given_tables.get(table, {}).get(name)
         value = selected.get(self.window.key, own if isinstance(own, int | float) else None)
         self.diagram.show_cursor(None if value is None else float(value))

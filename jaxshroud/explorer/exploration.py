@@ -28,7 +28,8 @@ from jaxshroud.verbs.plan import plan_march
 # In the order of the page; of rivals a scene gives one.
 FIELD_KEYS = (
     *("shroud.gap", "contact.gamma", "contact.k", "contact.width", "friction.mu", "friction.k_d"),
-    *("drive.F_0", "drive.M_0", "drive.omega", "drive.f", "drive.speed", "drive.engine_order"),
+    *("drive.F_0", "drive.M_0", "drive.level", "drive.omega", "drive.f", "drive.speed", "drive.engine_order"),
+    *("drive.F_x_mean", "drive.F_y_mean", "drive.M_mean"),
     *("shroud.alpha", "drive.beta", "blades.k_x", "blades.c_x"),
 )
 FIRST_FIELDS = 10  # that are open from the start

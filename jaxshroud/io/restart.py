@@ -105,7 +105,7 @@ def _is_possible(mode: int, case: int, contact: ContactPart) -> bool:
     """Whether a model with this kind of contact can be in that mode and case."""
     if contact == "smooth":
         return (mode, case) == (Mode.SMOOTH, 0)
-    touching = contact == "spring" and mode in TOUCHING and 1 <= case <= FLAT
+    touching = contact != "none" and mode in TOUCHING and 1 <= case <= FLAT
     return touching or (mode, case) == (Mode.APART, 0)
 
 

@@ -1,11 +1,13 @@
 """The numbers of scenes as dimensions and variables of results, and the scenes restored from these."""
 
+import re
 import tomllib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxshroud.scene.harmonics import nested
 from jaxshroud.scene.keys import ALL_KEYS, Key, Motion, parse_key
 from jaxshroud.scene.layout import PAIR, Layout
 from jaxshroud.scene.replacing import layout_of, replaced_tables
@@ -16,6 +18,8 @@ if TYPE_CHECKING:
     from jaxshroud.scene.checks import Precision
     from jaxshroud.scene.scene import Scene
 
+NO_WORD = re.compile(r"\W+")  # of a key that is no name of a variable: harmonic[1].F is harmonic_1_F
+
 
 def dimension(key: str, names: Sequence[str] = PAIR.names) -> str:
     """The name of the dimension along `key`: its last word, or `initial_x` where a variable is called `x`.
@@ -24,6 +28,7 @@ def dimension(key: str, names: Sequence[str] = PAIR.names) -> str:
     """
     number, index = parse_key(key)
     table, stem = number.parts
+    stem = NO_WORD.sub("_", stem)
     stem = f"{table}_{stem}" if stem in Motion._fields or stem in ("period", "blade") else stem
     return stem if index is None else f"{stem}_{_name_of(number, index, names)}"
 
@@ -65,7 +70,7 @@ def scene_text_of_lane(data: "xr.Dataset") -> str:
     variables = [v for v in data.variables.values() if "key" in v.attrs and not set(v.dims) - {"blade", "interface"}]
     file = parse(data.attrs["scene"], "the scene of this result")
     tables = replaced_tables(file.tables, file.given, {v.attrs["key"]: v.to_numpy() for v in variables})
-    return tomli_w.dumps({**tomllib.loads(data.attrs["scene"]), **tables})
+    return tomli_w.dumps(nested({**tomllib.loads(data.attrs["scene"]), **tables}))
 
 
 def scene_differences(

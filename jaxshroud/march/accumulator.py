@@ -17,7 +17,7 @@ from jaxshroud.model.prepared import Model
 from jaxshroud.model.rhs import Displacements, Integrals, Means, position_at
 from jaxshroud.scene.keys import Motion
 
-EventCount = Int[Array, ""] | Zero
+EventCount = Int[Array, "..."] | Zero
 
 
 class Counters(eqx.Module):
@@ -40,6 +40,8 @@ class Counters(eqx.Module):
 def count_event(counters: Counters, ending: Ending) -> Counters:
     """The `counters` with the transition added in which a trial ended, if it did."""
     transition, fired, inside = ending
+    if isinstance(transition.before.mode, tuple):
+        return _count_at_points(counters, ending)
     kind, mode, before = transition.kind, transition.after.mode, transition.before.mode
     onset = happens(kind, LIFT) & (before == Mode.APART)
     rub = happens(kind, RUB)
@@ -63,6 +65,25 @@ def count_event(counters: Counters, ending: Ending) -> Counters:
     )
     counts = ((name, getattr(counters, name), now) for name, now in occurred.items())
     return Counters(**{name: n + (now & fired).astype(jnp.int32) if not is_zero(n) else n for name, n, now in counts})
+
+
+def _count_at_points(counters: Counters, ending: Ending) -> Counters:
+    """`count_event` of several points: the sums over all of them."""
+    (transition, fired, inside), counted = ending, dict.fromkeys(Counters.__annotations__, 0)
+    for before, after in zip(transition.before.mode, transition.after.mode, strict=True):
+        onset, stick = fired & (before == Mode.APART) & (after != Mode.APART), after == Mode.STICK
+        held, slid = fired & (before == Mode.STICK), fired & (before != Mode.APART) & (before != Mode.STICK)
+        occurred = dict(
+            onset_slip=onset & ~stick,
+            onset_stick=onset & stick,
+            separation=fired & (before != Mode.APART) & (after == Mode.APART),
+            stick_slip=held & (after != Mode.APART) & ~stick,
+            slip_stick=slid & stick,
+            grazing=onset & inside,
+        )
+        counted |= {name: counted[name] + now.astype(jnp.int32) for name, now in occurred.items()}
+    counts = {name: getattr(counters, name) for name in counted}
+    return Counters(**{name: n if is_zero(n) else n + counted[name] for name, n in counts.items()})
 
 
 def no_events(model: Model, zero: Int[Array, "..."]) -> Counters:

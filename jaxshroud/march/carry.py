@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxshroud.march.accumulator import Accumulator, EnergyJumps, EventMargins
 from jaxshroud.march.event import Events, case_switches
 from jaxshroud.march.events import (
+    BUILT_IN_EVENTS,
     EVENTS,
     LIFT,
     TURN,
@@ -29,7 +30,8 @@ from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, where
 from jaxshroud.model.contact_law import starts_in_overlap
 from jaxshroud.model.drive import Waves
 from jaxshroud.model.modes import FLAT, Mode, Status
-from jaxshroud.model.prepared import Model, State, has_torsion
+from jaxshroud.model.points_contact import interface_mode
+from jaxshroud.model.prepared import Model, State, touches_at_corners
 from jaxshroud.scene.keys import Motion
 
 MAX_EVENTS_PER_STEP = 64  # more is Zeno behaviour: regular scenes have a few per *period*
@@ -116,7 +118,7 @@ def event_change(
     kind: Int[Array, ""],
     delay: Scalar,
     fixed: Fixed[Model],
-    events: Events = EVENTS,
+    events: Events = BUILT_IN_EVENTS,
 ) -> EventChange:
     """The change of a lane at the motion `z`, where the event of number `kind` happens if `fire` is true."""
     view = evaluate_guards(z, Q, start, fixed.model, events)
@@ -133,14 +135,22 @@ def change_at(
     h: Scalar,
     model: Model,
     rocks: Bool[Array, ""] | None = None,
-    events: Events = EVENTS,
+    events: Events = BUILT_IN_EVENTS,
 ) -> EventChange:
     """`event_change` where the guards are known already, in a step of `h` [s]; `rocks` as of `transition`."""
     change = transition(z, start, view, kind, delay, h, model, rocks, events)
-    lift, apart = fire & happens(kind, LIFT), start.mode == Mode.APART
+    lift, apart = fire & _lifts(kind, start, change), interface_mode(start.mode) == Mode.APART
     jumps = jax.tree.map(lambda a: where(fire, a, 0.0), EnergyJumps(change.energy, change.dropped))
     onset = lift & apart
     return EventChange(view, change, Lift(onset, onset & ~starts_in_overlap(view.at, delay), lift & ~apart), jumps)
+
+
+def _lifts(kind: Int[Array, ""], start: State, change: Transition) -> Bool[Array, ""]:
+    """Whether contact begins or ends at an event; of several points at the first or the last one."""
+    if not isinstance(start.mode, tuple):
+        return happens(kind, LIFT)
+    before, after = interface_mode(start.mode), interface_mode(change.after.mode)
+    return (before == Mode.APART) != (after == Mode.APART)
 
 
 def updated_margins(
@@ -150,7 +160,7 @@ def updated_margins(
     if before is None:
         return None
     turn, rate, slowest = change.transition, change.view.rate, before.slowest_switch
-    if has_torsion(model):
+    if touches_at_corners(model):
         of_case = any_of(case_switches(turn.kind, EVENTS))
         switched = fire & of_case & (turn.before.case != FLAT) & (turn.after.case != FLAT)
         speed = jnp.abs(where(happens(turn.kind, TURN), rate.turn * model.block.a_x, rate.height))

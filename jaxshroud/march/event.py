@@ -4,15 +4,17 @@ The built-in ones stand in `events`; `Choices.events` has a user's own.
 """
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.guards import ContactNow, Guard, GuardEvaluation, Guards, any_of, present
 from jaxshroud.model.arithmetic import Scalar, where
 from jaxshroud.model.contact_law import GuardCrossing
-from jaxshroud.model.geometry import ContactKinematics
+from jaxshroud.model.geometry import Kinematics
 from jaxshroud.model.modes import FLAT
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.scene.checks import InputError
@@ -55,8 +57,8 @@ class Event(NamedTuple):
     """What it concerns, in words of results."""
     guard: Callable[[ContactNow], Guard]
     """The guard with its rate, or its integral where only that is known: each event is located by a cubic of these."""
-    transition: Callable[[EventInstant], Int[Array, ""]] | None = None
-    """The mode of contact after it; None: the mode stays."""
+    transition: Callable[[EventInstant], Any] | None = None
+    """The mode of contact after it, of several points a tuple of modes; None: the mode stays."""
     switches_case: bool = False
     """Whether other corners meet after it, or flat contact ends; of the built-in TURN and HEIGHT, see `events`."""
     exists: Callable[[Model], bool] = always
@@ -64,7 +66,7 @@ class Event(NamedTuple):
     forces_jump: Callable[[Model], bool] = never
     """Whether the forces jump at it, so that its instant is located to rounding; at a switch of the case from a corner
     only."""
-    rounding: Callable[[ContactKinematics], Scalar] | None = None
+    rounding: Callable[[Kinematics], Scalar] | None = None
     """The guard's rounding error, below which it counts as zero; None: that of a corner's place [m]."""
     counters: tuple[str, ...] = ()
     """The fields of `Counters` that a model has because of it; none of a user's own, which is counted by its name."""
@@ -124,7 +126,7 @@ def forces_jump(kind: Int[Array, ""], state: State, model: Model, events: Events
     return jumps
 
 
-def rounding_of(kind: Int[Array, ""], at: ContactKinematics, events: Events) -> Scalar:
+def rounding_of(kind: Int[Array, ""], at: Kinematics, events: Events) -> Scalar:
     """The rounding error of the guard of the event of number `kind`."""
     rounding = at.rounding
     for number, event in enumerate(events):
@@ -133,12 +135,16 @@ def rounding_of(kind: Int[Array, ""], at: ContactKinematics, events: Events) -> 
     return rounding
 
 
-def next_mode(kind: Int[Array, ""], instant: EventInstant, events: Events) -> Int[Array, ""]:
-    """The mode after the event of number `kind`."""
-    modes = [(kind == i, event.transition(instant)) for i, event in enumerate(events) if event.transition is not None]
+def next_mode(kind: Int[Array, ""], instant: EventInstant, events: Events) -> Any:
+    """The mode after the event of number `kind`; of several points the mode of each."""
+    modes = [
+        (kind == i, event.transition(instant))
+        for i, event in enumerate(events)
+        if event.transition is not None and event.exists(instant.model)
+    ]
     chosen = instant.state.mode
     for happened, mode in reversed(modes):
-        chosen = where(happened, mode, chosen)
+        chosen = jax.tree.map(partial(where, happened), mode, chosen)
     return chosen
 
 

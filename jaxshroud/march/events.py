@@ -34,12 +34,13 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.event import Event, EventInstant, Events, always, next_mode
 from jaxshroud.march.guards import ContactNow, Guard, GuardEvaluation, Guards, any_of
+from jaxshroud.march.point_events import POINT_EVENTS
 from jaxshroud.model.arithmetic import ZERO, Scalar, where
 from jaxshroud.model.drive import Waves
 from jaxshroud.model.geometry import (
-    ContactKinematics,
-    ContactRates,
+    Kinematics,
     Pose,
+    Rates,
     contact_kinematics,
     contact_rates,
     corner_case,
@@ -49,7 +50,8 @@ from jaxshroud.model.geometry import (
 )
 from jaxshroud.model.interface import EndTorques
 from jaxshroud.model.modes import FLAT, Mode
-from jaxshroud.model.prepared import Model, State, has_torsion
+from jaxshroud.model.points_contact import interface_mode
+from jaxshroud.model.prepared import Model, State, has_torsion, touches_at_corners
 from jaxshroud.model.rhs import end_torques, parallel_mean, stored_energy
 from jaxshroud.scene.keys import Motion
 
@@ -81,12 +83,16 @@ def _mode_after_friction(instant: EventInstant) -> Int[Array, ""]:
     return instant.model.law.mode_after_rub(instant.crossing)
 
 
-def _turn_rounding(at: ContactKinematics) -> Scalar:
+def _turn_rounding(at: Kinematics) -> Scalar:
     return at.turn_rounding
 
 
 def _jumps_at_onset(model: Model) -> bool:
     return model.law.jumps_at_onset
+
+
+def _has_one_point(model: Model) -> bool:
+    return not model.law.has_points
 
 
 def _has_stick(model: Model) -> bool:
@@ -98,6 +104,7 @@ LIFT = Event(
     label="contact",
     guard=_guard_of_lift,
     transition=_mode_after_lift,
+    exists=_has_one_point,
     forces_jump=_jumps_at_onset,
     counters=("onset_slip", "separation", "grazing"),
 )
@@ -106,7 +113,7 @@ TURN = Event(
     label="corner pair",
     guard=_guard_of_turn,
     switches_case=True,
-    exists=has_torsion,
+    exists=touches_at_corners,
     forces_jump=always,
     rounding=_turn_rounding,
     counters=("switch_14", "switch_23", "flat", "flat_corner"),
@@ -116,7 +123,7 @@ HEIGHT = Event(
     label="tip",
     guard=_guard_of_height,
     switches_case=True,
-    exists=has_torsion,
+    exists=touches_at_corners,
     forces_jump=always,
     counters=("switch_12", "switch_34"),
 )
@@ -128,7 +135,8 @@ RUB = Event(
     exists=_has_stick,
     counters=("onset_stick", "stick_slip", "slip_stick"),
 )
-EVENTS = (LIFT, TURN, HEIGHT, RUB)  # in order of precedence
+EVENTS = (LIFT, TURN, HEIGHT, RUB)  # of a corner, in order of precedence
+BUILT_IN_EVENTS = (*EVENTS, *POINT_EVENTS)
 
 
 def number_of(event: Event) -> int:
@@ -143,23 +151,26 @@ def happens(kind: Int[Array, ""], *events: Event) -> Bool[Array, ""]:
 
 def model_events(model: Model) -> list[Event]:
     """The built-in events that a model has."""
-    return [event for event in EVENTS if event.exists(model)] if model.law.has_events else []
+    events = BUILT_IN_EVENTS if model.law.has_events else ()
+    return [event for event in events if event.exists(model)]
 
 
 @partial(jax.jit, inline=True, static_argnames=("events",))
-def evaluate_guards(z: Motion, Q: Waves, state: State, model: Model, events: Events = EVENTS) -> GuardEvaluation:
+def evaluate_guards(
+    z: Motion, Q: Waves, state: State, model: Model, events: Events = BUILT_IN_EVENTS
+) -> GuardEvaluation:
     """The contact kinematics and the guards of the motion `z` in the mode of `state`; `Q` is the drive's wave."""
     placed = place_contact(z, state, model)
     return guards_at(placed, z, end_torques(z, Q, placed[2], state, model), state, model, events)
 
 
 def guards_at(
-    placed: tuple[Pose, Any, ContactKinematics],
+    placed: tuple[Pose, Any, Kinematics],
     z: Motion,
     torques: EndTorques,
     state: State,
     model: Model,
-    events: Events = EVENTS,
+    events: Events = BUILT_IN_EVENTS,
 ) -> GuardEvaluation:
     """`evaluate_guards` of placed blocks under known torques."""
     q, case, at = placed
@@ -168,7 +179,7 @@ def guards_at(
     return GuardEvaluation(q, at, rate, case, torques, guards)
 
 
-def place_contact(z: Motion, state: State, model: Model) -> tuple[Pose, Any, ContactKinematics]:
+def place_contact(z: Motion, state: State, model: Model) -> tuple[Pose, Any, Kinematics]:
     """The pose, the case and the contact kinematics of the motion `z` in the mode of `state`."""
     q = pose(z.x, z.y, z.theta)
     blend = model.law.case_blend(q, model.block) if has_torsion(model) else None
@@ -177,14 +188,16 @@ def place_contact(z: Motion, state: State, model: Model) -> tuple[Pose, Any, Con
 
 
 def _case_at_pose(q: Pose, state: State, model: Model) -> Int[Array, ""]:
+    if model.law.has_points:
+        return jnp.int32(0)
     if not has_torsion(model):
         return jnp.int32(1)  # without rotation all corners move alike
     return where(state.mode == Mode.APART, natural_case(q, model.block), state.case)
 
 
 def guard_values(
-    at: ContactKinematics,
-    rate: ContactRates,
+    at: Kinematics,
+    rate: Rates,
     torques: EndTorques,
     state: State,
     case: Int[Array, ""],
@@ -192,7 +205,8 @@ def guard_values(
     events: Events,
 ) -> Guards:
     """The values, the rates and the integrals of the guards that a model has."""
-    now = ContactNow(at, rate, torques, state, case, state.mode == Mode.APART, case == FLAT, model)
+    apart = interface_mode(state.mode) == Mode.APART
+    now = ContactNow(at, rate, torques, state, case, apart, case == FLAT, model)
     guards = [event.guard(now) if event.exists(model) else NO_GUARD for event in events]
     return Guards(*zip(*guards, strict=True))
 
@@ -220,7 +234,7 @@ def transition(
     h: Scalar,
     model: Model,
     rocks: Bool[Array, ""] | None = None,
-    events: Events = EVENTS,
+    events: Events = BUILT_IN_EVENTS,
 ) -> Transition:
     """The transition of the event of number `kind` at the motion `z`, in a step of `h` [s].
 
@@ -228,22 +242,22 @@ def transition(
     `rocks`: the faces are known to turn to and fro within the step, so that their next turn leads into flat contact.
     """
     law, at, unprojected = model.law, view.at, z
-    case = _next_case(state, view, kind, h, model, rocks) if has_torsion(model) else view.case
+    case = _next_case(state, view, kind, h, model, rocks) if touches_at_corners(model) else view.case
     becomes_flat = (case == FLAT) & (state.case != FLAT)
-    if has_torsion(model):
+    if touches_at_corners(model):
         z = jax.tree.map(lambda parallel, own: where(becomes_flat, parallel, own), _as_parallel(z, model), z)
     new = contact_kinematics(view.q, case, model.block, model.reading)
 
     instant = EventInstant(view, state, delay, model)
     mode = next_mode(kind, instant, events)
-    w = law.stretch(at.v, at.u, state.u_s, state.mode)
+    w = law.stretch_at(at, state.u_s, state.mode)
     u_s = law.slider_after(instant.crossing, w, mode, new.u)
-    after = State(z, u_s, mode, where(mode == Mode.APART, 0, case).astype(jnp.int32))
+    after = State(z, u_s, mode, where(interface_mode(mode) == Mode.APART, 0, case).astype(jnp.int32))
     guards = guard_values(new, contact_rates(new, z, case, model.reading), view.torques, after, case, model, events)
-    energy = law.stored_energy(new.v, law.stretch(new.v, new.u, u_s, mode), mode)
-    energy = energy - law.stored_energy(at.v, w, state.mode)
+    energy = law.energy_at(new, law.stretch_at(new, u_s, mode), mode)
+    energy = energy - law.energy_at(at, w, state.mode)
     dropped = ZERO
-    if has_torsion(model):
+    if touches_at_corners(model):
         dropped = where(becomes_flat, stored_energy(unprojected, model) - stored_energy(z, model), 0.0)
     return Transition(after, guards, energy, dropped, kind, state)
 

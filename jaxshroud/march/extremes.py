@@ -18,6 +18,7 @@ from jaxshroud.model.contact_law import LinearLaw
 from jaxshroud.model.geometry import contact_rates
 from jaxshroud.model.interface import law_forces
 from jaxshroud.model.modes import Mode
+from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.series import Series, polynomial_value, polynomial_value_and_rate
 from jaxshroud.scene.keys import Motion
@@ -44,7 +45,7 @@ def steepest_slope(cubic: HermiteCubic) -> Scalar:
 def updated_extrema(before: StepExtrema, trial: InterfaceTrial) -> StepExtrema:
     """The extremes after a trial step, which may end in an onset."""
     start, z, h, model = trial.start, trial.end, trial.h, trial.model
-    apart, onset = start.mode == Mode.APART, trial.lift.onset
+    apart, onset = interface_mode(start.mode) == Mode.APART, trial.lift.onset
     (v_0, rate_0), (v_1, rate_1) = _penetration(start.motion, start, model), _penetration(z, start, model)
     cubic = HermiteCubic(v_0, v_1, rate_0 * h, rate_1 * h)
     s, inside = cubic_maximum(cubic)
@@ -153,8 +154,8 @@ def _cubic_peak(cubic: HermiteCubic) -> Scalar:
 def _end_forces(z: Motion, state: State, model: Model) -> _EndForces:
     _, case, at = place_contact(z, state, model)
     rate = contact_rates(at, z, case, model.reading)
-    N, F, _ = law_forces(at, z, state, case, model)
-    return _EndForces(at.v, rate.v, N, F, model.law.friction_rate(rate, state.mode))
+    forces = law_forces(at, z, state, case, model)
+    return _EndForces(at.v, rate.v, forces.N, forces.F, model.law.friction_rate(rate, state.mode))
 
 
 class ContactSeries(NamedTuple):

@@ -3,13 +3,13 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, where
-from jaxshroud.model.geometry import Case, ContactKinematics, ContactRates, Pose, is_upper, tip_is_left
+from jaxshroud.model.geometry import Case, Kinematics, Pose, Rates, is_upper, tip_is_left
 from jaxshroud.model.modes import FLAT
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import EndTorques
@@ -35,8 +35,8 @@ class GuardEvaluation(NamedTuple):
     """The contact kinematics and the guards at the end of a trial step."""
 
     q: Pose
-    at: ContactKinematics
-    rate: ContactRates
+    at: Kinematics
+    rate: Rates
     case: Int[Array, ""]  # the current case; when apart, the case of the position
     torques: EndTorques
     guards: Guards
@@ -46,8 +46,8 @@ class GuardEvaluation(NamedTuple):
 class ContactNow:
     """The contact at an instant, of which guards are functions."""
 
-    at: ContactKinematics
-    rate: ContactRates
+    at: Kinematics
+    rate: Rates
     torques: EndTorques
     state: State
     case: Int[Array, ""]  # the current case; when apart, the case of the position
@@ -75,7 +75,7 @@ def switch_signs(case: Case) -> tuple[Scalar, Scalar]:
     return where(is_upper(case), -1.0, 1.0), where(is_upper(case) == tip_is_left(case), 1.0, -1.0)
 
 
-def switch_guards(at: ContactKinematics, torques: EndTorques, case: Case) -> tuple[Scalar, Scalar]:
+def switch_guards(at: Kinematics, torques: EndTorques, case: Case) -> tuple[Scalar, Scalar]:
     """The values of the guards TURN and HEIGHT in contact."""
     (turn, height), flat = switch_signs(case), case == FLAT
     return (
@@ -84,7 +84,7 @@ def switch_guards(at: ContactKinematics, torques: EndTorques, case: Case) -> tup
     )
 
 
-def present(numbers: tuple[Scalar, ...]) -> list[int]:
+def present(numbers: tuple[Any, ...]) -> list[int]:
     """The numbers of the events for which there is a value."""
     return [i for i, value in enumerate(numbers) if not is_zero(value)]
 

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.event import Violated
 from jaxshroud.march.guards import Guards, any_of, present
-from jaxshroud.march.method_names import Locate
+from jaxshroud.march.method import Choices
 from jaxshroud.march.search import Search, Target
 from jaxshroud.model.arithmetic import Pair, Scalar, is_zero, traced_once, where
 from jaxshroud.scene.typed import Tree
@@ -62,11 +62,12 @@ def select(condition: Bool[Array, "..."], yes, no):
 
 
 class LocationDecision(NamedTuple):
-    """What a trial has shown of the place of an event."""
+    """The decision on a trial of a pair or of a row, by what it has shown of the place of an event."""
 
     accept: Bool[Array, ""]
-    fire: Bool[Array, ""]  # accept and change mode
-    delay: Scalar  # upper bound of the time since the event, in steps
+    fire: Bool[Array, ""]  # accept, and cross the violated guards
+    move_low: Bool[Array, ""]  # the trial's end is the new lower end of the bracket
+    delay: Scalar  # upper bound of the time since the event [s]
     search: Search  # the search that continues if the trial is not accepted
 
 
@@ -130,7 +131,7 @@ def guard_cubic(value: tuple, rate: tuple, integral: tuple | None, h: Scalar) ->
 def integral_of(guards: Guards, kind: int) -> Scalar:
     """The integral of a guard, 0 where it has none."""
     integral = guards.integral[kind]
-    return jnp.zeros_like(guards.value[0]) if is_zero(integral) else integral
+    return jnp.zeros_like(guards.value[kind]) if is_zero(integral) else integral
 
 
 def first_interior_maximum(start: Guards, end: Guards, h: Scalar) -> Scalar:
@@ -147,21 +148,32 @@ def first_interior_maximum(start: Guards, end: Guards, h: Scalar) -> Scalar:
     return first
 
 
-def event_tolerance(jumps: Bool[Array, ""], locate: Locate, order: int, derivative: bool, dtype) -> Scalar:
+def event_tolerance(jumps: Bool[Array, ""], method: Choices, dtype) -> Scalar:
     """The tolerance of the time of an event, in steps; `jumps`: the forces jump at it.
 
     Where the forces are continuous, the error of the motion is quadratic in this tolerance. With cubics, it needs to be
-    no finer than a method of this order resolves; the error of a derivative is linear in it. At a loaded case switch
+    no finer than the order of the method resolves; the error of a derivative is linear in it. At a loaded case switch
     the error of the motion is linear too, and nearly parallel faces switch dozens of times in a period: these events
     are located to rounding.
     """
     single = dtype != jnp.float64
-    coarse = (10 if single else 20) if locate == "bisection" else 10 if single else 10 + order
-    coarse = (16 if single else 36) if derivative else coarse
+    coarse = (10 if single else 20) if method.locate == "bisection" else 10 if single else 10 + method.rk.order
+    coarse = (16 if single else 36) if method.derivative else coarse
     return where(jumps, 2.0 ** -(16 if single else 48), 2.0**-coarse).astype(dtype)
 
 
-def judge_trial(
+class TrialOutcome(NamedTuple):
+    """What a trial has shown of the events that are searched for, of a pair or of a row."""
+
+    hit: Bool[Array, ""]  # a guard is violated
+    jumps: Bool[Array, ""]  # the forces jump at it
+    exact: Bool[Array, ""]  # it is zero to rounding, and no other is violated
+    top: Scalar  # the fraction of the trial at which a guard seems to be above zero; 1 if there is none
+    target: Target | None  # the guard that was crossed first, else the previous target; None without cubics,
+    low: Guards | None  # as the guards where the target is, at the lower end of the bracket or the start of the trial
+
+
+def outcome_of_pair(
     search: Search,
     low: Guards,
     end: Guards,
@@ -169,10 +181,8 @@ def judge_trial(
     jumps: Bool[Array, ""],
     exact: Bool[Array, ""],
     h: Scalar,
-    locate: Locate,
-    order: int,
-) -> LocationDecision:
-    """Decide on a trial that ended with the guards `end`.
+) -> TrialOutcome:
+    """What a trial of a pair has shown that ended with the guards `end`.
 
     Args:
         search: The search that made the trial.
@@ -180,33 +190,38 @@ def judge_trial(
         end: The guards at its end.
         violated: Which guards count as above zero.
         jumps: Whether the forces jump at the violated guard that takes precedence.
-        exact: Whether that guard is zero to rounding.
+        exact: Whether that guard is zero to rounding, and no other is violated.
         h: The length of a whole step [s].
-        locate: How events are located.
-        order: The order of the Runge-Kutta method.
     """
-    hit = any_of(violated.values())
-    if locate == "none":
-        return LocationDecision(jnp.ones_like(hit), hit, search.length, search)
-    bracketing = search.bracketing | hit
-    high = where(hit, search.length, search.high)
-    below = where(search.bracketing & ~hit, search.length, search.low)
-    top = first_interior_maximum(low, end, search.length * h)
-    probes = ~bracketing & ~search.probing & (top < 1)
-    derivative = search.refinements is not None
-    finest = event_tolerance(jnp.ones_like(hit), locate, order, derivative, high.dtype)
-    tolerance = event_tolerance(jumps, locate, order, derivative, high.dtype)
-    if locate == "cubic":
-        target = _crossed_target(search, low, end, violated)
+    hit, top = any_of(violated.values()), first_interior_maximum(low, end, search.length * h)
+    target = now = None
+    if search.target is not None:
+        target = first_crossed(low, end, violated, search.target)[1]
         now = select(hit | ~search.bracketing, low, end)
-        next_end, delay = next_trial_end(target, now, below, high, h, tolerance)
-        halve = (target.tries > CUBIC_TRIALS) & (target.tries % 2 == 0)
-        next_end = where(halve, (below + high) / 2, next_end)
+    return TrialOutcome(hit, jumps, exact, top, target, now)
+
+
+def judge_trial(search: Search, outcome: TrialOutcome, h: Scalar, method: Choices) -> LocationDecision:
+    """Decide on a trial with such an `outcome`, of a pair or of a row; `h` is the length of a whole step [s]."""
+    hit = outcome.hit
+    if method.locate == "none":
+        return LocationDecision(jnp.ones_like(hit), hit, jnp.zeros_like(hit), search.length * h, search)
+    bracketing, move_low = search.bracketing | hit, search.bracketing & ~hit
+    high = where(hit, search.length, search.high)
+    below = where(move_low, search.length, search.low)
+    probes = ~bracketing & ~search.probing & (outcome.top < 1)
+    finest, tolerance = (event_tolerance(jumps, method, high.dtype) for jumps in (jnp.ones_like(hit), outcome.jumps))
+    target, low, next_end = outcome.target, outcome.low, (below + high) / 2
+    if target is None or low is None:
+        delay = high - below
     else:
-        target, delay, next_end = None, high - below, (below + high) / 2
-    fire = hit & ((delay <= tolerance) | exact)
+        target = target._replace(tries=where(hit | search.bracketing, target.tries + 1, 0))
+        by_cubic, delay = next_trial_end(target, low, below, high, h, tolerance)
+        halve = (target.tries > CUBIC_TRIALS) & (target.tries % 2 == 0)
+        next_end = where(halve, next_end, by_cubic)
+    fire = hit & ((delay <= tolerance) | outcome.exact)
     after = search._replace(
-        length=where(probes, top * search.length, where(high - below <= finest, high, next_end)),
+        length=where(probes, outcome.top * search.length, where(high - below <= finest, high, next_end)),
         low=below,
         high=high,
         bracketing=bracketing,
@@ -214,15 +229,7 @@ def judge_trial(
         inside=search.inside | (search.probing & hit),
         target=target,
     )
-    return LocationDecision((~bracketing & ~probes) | fire, fire, delay, after)
-
-
-def _crossed_target(search: Search, low: Guards, end: Guards, violated: Violated) -> Target:
-    """The guard that was crossed first, by linear interpolation; the previous target if none is violated."""
-    old = search.target
-    assert old is not None
-    _, chosen = first_crossed(low, end, violated, old)
-    return chosen._replace(tries=where(any_of(violated.values()) | search.bracketing, old.tries + 1, 0))
+    return LocationDecision((~bracketing & ~probes) | fire, fire, move_low, delay * h, after)
 
 
 def first_crossed(low: Guards, end: Guards, violated: Violated, otherwise: Target) -> tuple[Pair, Target]:
@@ -265,7 +272,7 @@ def at_least_two(flags: tuple[Bool[Array, ""], ...]) -> Bool[Array, ""]:
     return any_of([none, *(a & any_of(flags[i + 1 :]) for i, a in enumerate(flags[:-1]))])
 
 
-def select_guard(numbers: tuple[Scalar, ...], kind: Int[Array, "..."]) -> Any:
+def select_guard(numbers: tuple[Any, ...], kind: Int[Array, "..."]) -> Any:
     """The number that belongs to `kind`."""
     first, *others = present(numbers)
     chosen = numbers[first]

@@ -1,35 +1,26 @@
 """The accumulator of pairs and rows through their trials; what is logged, and how, stands in `logged`."""
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 from jaxshroud.march.accumulator import Accumulator, EnergyJumps, Log, no_margins
-from jaxshroud.march.carry import InterfaceChange
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.extremes import ContactSeries, MotionSeries
 from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observable import Beginning, BladeTrial, Ending, InterfaceTrial, Observable, Per
-from jaxshroud.march.row_step import OfLanes, RowStepEnd
+from jaxshroud.march.observable import Beginning, BladeTrial, InterfaceTrial, Observable, Per
+from jaxshroud.march.trial import AcceptedTrial
 from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, zeros_for
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.model.rhs import Integrals, rhs
+from jaxshroud.model.points_contact import interface_mode
+from jaxshroud.model.prepared import Model, State, touches_at_corners
+from jaxshroud.model.rhs import rhs
 from jaxshroud.model.row import Each, OfInterfaces, RowModel, both_sides, over, pair_states
 from jaxshroud.scene.keys import Motion
-
-
-class AcceptedTrial(NamedTuple):
-    """A trial that was accepted, as far as the log asks."""
-
-    contact: InterfaceTrial
-    blades: BladeTrial  # of both, its fields pairs
-    ending: Ending | None = None  # None where there are no events
-    by_series: tuple[Any, ...] | None = None  # see `Observable.of_series`, of each; None for Runge-Kutta methods
 
 
 def log_of(values: Mapping[str, Any]) -> Log:
@@ -47,7 +38,7 @@ def new_accumulator(state: State, model: Model, method: Choices) -> Accumulator:
     """The accumulator of a lane that starts from `state`."""
     zero = jnp.zeros_like(state.motion.x[0])
     _, none = zeros_for(lambda: rhs(drive_waves(zero, zero, model.drive), state, model, method.recorded))
-    jumps = EnergyJumps(zero, zero if has_torsion(model) else ZERO) if method.ledger else None
+    jumps = EnergyJumps(zero, zero if touches_at_corners(model) else ZERO) if method.ledger else None
     margins = no_margins(zero) if method.margins else None
     return Accumulator(none, jumps, None if method.derivative else _new_log(state, zero, model, method), margins)
 
@@ -59,27 +50,26 @@ def _new_log(state: State, zero: Scalar, model: Model, method: Choices) -> Log:
     return log_of({one.name: start(one) for one in observables_of(method)})
 
 
-def updated_accumulator(
-    accumulator: Accumulator, gain: Integrals, jumps: EnergyJumps | None, trial: AcceptedTrial, method: Choices
-) -> Accumulator:
-    """The accumulator after a trial with so much of the integrals and of the jumps at its end; margins are kept."""
-    accumulator = accumulator.plus(gain, jumps)
+def updated_accumulator(accumulator: Accumulator, trial: AcceptedTrial, model: Model, method: Choices) -> Accumulator:
+    """The accumulator after a trial; margins are kept."""
+    accumulator = accumulator.plus(trial.gain, trial.jumps)
     return (
         accumulator
         if accumulator.log is None
-        else accumulator._replace(log=updated_log(accumulator.log, trial, method))
+        else accumulator._replace(log=_updated_log(accumulator.log, trial, model, method))
     )
 
 
-def updated_log(log: Log, trial: AcceptedTrial, method: Choices) -> Log:
-    """The log after a trial."""
-    (contact, blades, ending, by_series), observables = trial, observables_of(method)
-    contact = contact._replace(apart=contact.mode == Mode.APART)
+def _updated_log(log: Log, trial: AcceptedTrial, model: Model, method: Choices) -> Log:
+    start, end, h, loads = trial.start, trial.end, trial.h, trial.gain.loads
+    mode, by_series, observables = interface_mode(trial.mode), trial.by_series, observables_of(method)
+    contact = InterfaceTrial(h, mode, trial.v, mode == Mode.APART, start, end, trial.lift, loads, model)
+    blades = BladeTrial(start.motion, end, trial.after, h, trial.step, trial.next_step)
 
     def updated(one: Observable, by_series: Any) -> Any:
         before = value_in(log, one.name)
         if one.takes == "event":
-            return before if ending is None else one.update(before, ending)
+            return before if trial.events is None else one.update(before, trial.events)
         if one.per == "interface":
             return one.update(before, contact._replace(by_series=by_series))
         return of_blades(one, one.update, before, blades._replace(by_series=by_series))
@@ -129,20 +119,6 @@ def _of_side(i: int, tree: Any) -> Any:
     return jax.tree.map(lambda a: a[i] if is_of_blades(a) else a, tree, is_leaf=is_of_blades)
 
 
-class RowTrial(NamedTuple):
-    """A trial of a row that was accepted, as far as the accumulator asks."""
-
-    start: State
-    mode: Any  # of each interface during it
-    h: OfLanes  # its length [s]
-    end: RowStepEnd  # before what happens there
-    after: Any  # motion after it
-    change: InterfaceChange
-    dropped: OfLanes  # energy lost where flat contact ended a rocking motion [J]
-    step: Any  # in which it was made, and
-    next_step: Any  # in which the next one is made
-
-
 def penetrations(state: State, model: RowModel, each: Each) -> OfInterfaces:
     """The penetration at each interface [m]."""
     return over(each, _penetration_at, pair_states(state, model), model.interfaces)
@@ -163,11 +139,10 @@ def new_row_log(state: State, at: OfInterfaces, model: RowModel, method: Choices
 
 
 def updated_row_accumulator(
-    accumulator: Accumulator, trial: RowTrial, model: RowModel, method: Choices, each: Each
+    accumulator: Accumulator, trial: AcceptedTrial, model: RowModel, method: Choices, each: Each
 ) -> Accumulator:
-    """The accumulator after a trial."""
-    jumps = EnergyJumps(trial.change.springs, trial.dropped)
-    accumulator = accumulator.plus(trial.end.gain, jumps)._replace(margins=trial.change.margins)
+    """The accumulator after a trial; margins are kept."""
+    accumulator = accumulator.plus(trial.gain, trial.jumps)
     return (
         accumulator
         if accumulator.log is None
@@ -175,21 +150,21 @@ def updated_row_accumulator(
     )
 
 
-def _updated_row_log(log: Log, trial: RowTrial, model: RowModel, method: Choices, each: Each) -> Log:
+def _updated_row_log(log: Log, trial: AcceptedTrial, model: RowModel, method: Choices, each: Each) -> Log:
     shroud = model.blades.shroud
-    change, end = trial.change, shroud(trial.end.state.motion)
-    contact = InterfaceTrial(trial.h, trial.mode, change.v, trial.mode == Mode.APART)
+    end = shroud(trial.end)
+    contact = InterfaceTrial(trial.h, trial.mode, trial.v, trial.mode == Mode.APART)
     blades = BladeTrial(shroud(trial.start.motion), end, shroud(trial.after), trial.h, trial.step, trial.next_step)
     at_once = {
         one.name: one.update(value_in(log, one.name), contact if one.per == "interface" else blades)
         for one in observables_of(method)
         if one.takes == "all"
     }
-    values = at_once | change.counted
+    values = at_once | trial.events
     if takers_of_one("interface", method):
         start, end = pair_states(trial.start, model), both_sides(end, model.closed)
-        loads = trial.end.gain.loads
-        contact = contact._replace(start=start, end=end, lift=change.lift, loads=loads, model=model.interfaces)
+        loads = trial.gain.loads
+        contact = contact._replace(start=start, end=end, lift=trial.lift, loads=loads, model=model.interfaces)
         values |= _updated_each(log, contact, takers_of_one("interface", method), each)
     if takers_of_one("blade", method):
         values |= _updated_each(log, blades, takers_of_one("blade", method), each)

@@ -1,5 +1,7 @@
 """The built-in observables: all that is logged along a march beside the integrals, in the order of a `Log`."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 
@@ -15,8 +17,9 @@ from jaxshroud.march.accumulator import (
     half_position,
     no_events,
 )
+from jaxshroud.march.carry import PerLane
 from jaxshroud.march.event import Event
-from jaxshroud.march.events import EVENTS
+from jaxshroud.march.events import BUILT_IN_EVENTS
 from jaxshroud.march.extremes import (
     closing_speed,
     final_closing_speed,
@@ -34,7 +37,7 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Beginning, BladeTrial, Ending, InterfaceTrial, Observable, from_zero, lasting
 from jaxshroud.model.arithmetic import Scalar, where
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.rhs import Displacements, Means
+from jaxshroud.model.rhs import Means
 from jaxshroud.model.row import blade_positions
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion
@@ -61,7 +64,7 @@ TIMES = Observable(
 )
 
 
-def _deepest(at: Beginning) -> Scalar:
+def _deepest(at: Beginning) -> PerLane:
     return jnp.maximum(at.v, 0.0)
 
 
@@ -77,7 +80,7 @@ V_MAX = Observable(
 )
 
 
-def _updated_sizes(before: Displacements, trial: BladeTrial) -> Displacements:
+def _updated_sizes(before: tuple[Any, Any, Any], trial: BladeTrial) -> tuple[Any, Any, Any]:
     sizes = displacements_of(trial.after)
     if trial.by_series is not None:
         sizes = jax.tree.map(lambda a, b: jnp.maximum(a, jnp.abs(b)), trial.by_series, sizes)
@@ -251,7 +254,7 @@ def observables_of(method: Choices) -> tuple[Observable, ...]:
         InputError: Two of them have one name.
     """
     taken = {*Log._fields}
-    counts = [number_of_times(event, kind) for kind, event in enumerate(method.events, start=len(EVENTS))]
+    counts = [number_of_times(event, kind) for kind, event in enumerate(method.events, start=len(BUILT_IN_EVENTS))]
     for own in (*method.observables, *counts):
         if own.name in taken:
             raise InputError(f"There is another observable or event with the name {own.name!r}.")

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from jaxshroud.march.event import Event, Events
-from jaxshroud.march.events import EVENTS
+from jaxshroud.march.events import BUILT_IN_EVENTS
 from jaxshroud.march.method_names import TABLEAUS, Locate
 from jaxshroud.march.observable import Observable
 from jaxshroud.march.tableau import DEFAULT_TOLERANCE, RK4, Tableau, TaylorOptions, tableau
@@ -72,7 +72,7 @@ class Choices(NamedTuple):
     @property
     def all_events(self) -> Events:
         """The events of the march by their numbers, a user's own last."""
-        return *EVENTS, *self.events
+        return *BUILT_IN_EVENTS, *self.events
 
     @property
     def recorded(self) -> Recorded:

@@ -2,18 +2,21 @@
 
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from jaxshroud.march.accumulator import EnergyJumps
 from jaxshroud.march.carry import PerLane
 from jaxshroud.march.events import place_contact
-from jaxshroud.model.arithmetic import ZERO, Scalar, blended, where
-from jaxshroud.model.contact_law import Slider
+from jaxshroud.model.arithmetic import ZERO, Scalar, blended, is_zero, summed, where
+from jaxshroud.model.contact_law import Slider, SummedForces
 from jaxshroud.model.drive import Waves
-from jaxshroud.model.geometry import Case, ContactKinematics, Pose, is_upper, tip_is_left
+from jaxshroud.model.face_points import FaceKinematics
+from jaxshroud.model.geometry import Case, Kinematics, Pose, is_upper, tip_is_left
 from jaxshroud.model.interface import EndTorques, law_forces
 from jaxshroud.model.modes import FLAT, Mode
+from jaxshroud.model.points_contact import interface_mode, points_last
 from jaxshroud.model.prepared import Model, State, has_torsion
 from jaxshroud.model.rhs import Ledger, end_torques, stored_energy
 
@@ -29,6 +32,23 @@ class ContactForces(NamedTuple):
     v: Any  # penetration [m]
     u: Any  # slide of the left block against the right one [m]
     contact_point: Any  # up the left block's face from its middle [m]; NaN when apart, absent where blocks do not turn
+    points: Any = ZERO  # `PointForces`; absent where a corner touches
+
+
+class PointForces(NamedTuple):
+    """What is told of each of several points of contact, as `ContactForces` of all: tuples, or arrays (..., points)."""
+
+    N: Any  # [N]
+    F: Any  # [N]
+    v: Any  # [m]
+
+
+def stacked_point_forces(points: Any, zero: Any, axis: int = -1) -> Any:
+    """The forces of points as arrays with an `axis` of points, with `zero` where they have none."""
+    if is_zero(points):
+        return points
+    stacked = lambda numbers: points_last(tuple(zero if is_zero(a) else a for a in numbers), axis)
+    return PointForces(*map(stacked, points))
 
 
 def contact_forces(Q: Waves, state: State, model: Model) -> ContactForces:
@@ -38,32 +58,46 @@ def contact_forces(Q: Waves, state: State, model: Model) -> ContactForces:
 
 
 def contact_forces_at(
-    placed: tuple[Pose, Case, ContactKinematics], torques: EndTorques, state: State, model: Model
+    placed: tuple[Pose, Case, Kinematics], torques: EndTorques, state: State, model: Model
 ) -> ContactForces:
     """`contact_forces` of placed blocks under known torques."""
     _, case, at = placed
-    N, F, _ = law_forces(at, state.motion, state, case, model)
-    F = where(state.mode == Mode.APART, ZERO, F)  # no negative zero
+    forces = law_forces(at, state.motion, state, case, model)
+    is_apart = lambda: interface_mode(state.mode) == Mode.APART
+    F = where(is_apart(), ZERO, forces.F)  # no negative zero
     point = ZERO
-    if has_torsion(model):
+    if isinstance(forces, SummedForces) and has_torsion(model):
+        point = where(is_apart(), jnp.nan, _centre_of_pressure(forces, model))
+    elif has_torsion(model):
         place = _tip_position(at, case, model.block.l_ab)
         if model.law.has_events:
             place = where(case == FLAT, _flat_contact_position(at, torques, model), place)
-        point = where(state.mode == Mode.APART, jnp.nan, place)
-    return ContactForces(N, F, at.v, at.u, point)
+        point = where(is_apart(), jnp.nan, place)
+    of_points = ZERO
+    if isinstance(forces, SummedForces) and isinstance(at, FaceKinematics):
+        pairs = zip(state.mode, forces.points, strict=True)
+        F_of = tuple(where(mode == Mode.APART, ZERO, own.F) for mode, own in pairs)
+        of_points = PointForces(tuple(own.N for own in forces.points), F_of, tuple(own.v for own in at.points))
+    return ContactForces(forces.N, F, at.v, at.u, point, of_points)
 
 
-def _tip_position(at: ContactKinematics, case: Case, l_ab: Scalar) -> Scalar:
+def _centre_of_pressure(forces: SummedForces, model: Model) -> Scalar:
+    """The position of the resultant of the normal forces of several points along the face."""
+    moment = summed(own.N * at.place for own, at in zip(forces.points, model.block.points, strict=True))
+    return moment / where(forces.N == 0, 1.0, forces.N)
+
+
+def _tip_position(at: Kinematics, case: Case, l_ab: Scalar) -> Scalar:
     """The position of the penetrating corner along the left block's face."""
     return blended(is_upper(case), l_ab, -l_ab) / 2 - blended(tip_is_left(case), 0.0, _offset_along_face(at))
 
 
-def _offset_along_face(at: ContactKinematics) -> Scalar:
+def _offset_along_face(at: Kinematics) -> Scalar:
     """The offset of the left block's corner from the right one's, up the face: the slide of the consistent reading."""
     return at.offset[0] * at.tangent[0] + at.offset[1] * at.tangent[1]
 
 
-def _flat_contact_position(at: ContactKinematics, torque: EndTorques, model: Model) -> Scalar:
+def _flat_contact_position(at: Kinematics, torque: EndTorques, model: Model) -> Scalar:
     """The position at which the resultant of flat contact keeps the blocks parallel, between the ends of the overlap.
 
     The torque on theta_1 - theta_2 is linear along the overlap, whose ends are the corners d and a, or b and c.
@@ -83,8 +117,8 @@ def total_energy(state: State, model: Model) -> Scalar:
 def contact_spring_energy(state: State, model: Model) -> Scalar:
     """The energy of the contact springs [J]."""
     at = place_contact(state.motion, state, model)[2]
-    w = model.law.stretch(at.v, at.u, state.u_s, state.mode)
-    return model.law.stored_energy(at.v, w, state.mode)
+    w = model.law.stretch_at(at, state.u_s, state.mode)
+    return model.law.energy_at(at, w, state.mode)
 
 
 def slider_position(state: State, model: Model) -> Slider:
@@ -92,7 +126,8 @@ def slider_position(state: State, model: Model) -> Slider:
     if model.law.flows:
         return state.u_s
     at = place_contact(state.motion, state, model)[2]
-    return at.u - model.law.stretch(at.v, at.u, state.u_s, state.mode)
+    w = model.law.stretch_at(at, state.u_s, state.mode)
+    return jax.tree.map(lambda w: at.u - w, w, is_leaf=is_zero)
 
 
 def energy_residual(ledger: Ledger, jumps: EnergyJumps, stored: PerLane) -> PerLane:

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from jaxshroud.march.carry import Lane, TimeGrid
+from jaxshroud.march.carry import Lane, PerLane, TimeGrid
 from jaxshroud.march.method import Choices
 from jaxshroud.model.arithmetic import Pair, Scalar, plus, sincos_turns, sine_versine, times, where
 from jaxshroud.model.drive import Waves, drive_wave_rates, drive_waves
@@ -20,12 +20,12 @@ from jaxshroud.scene.keys import Motion
 class TrialInterval(NamedTuple):
     """The time interval of a trial step."""
 
-    turns: Scalar  # drive phase at its start [turns]
-    dturns: Scalar  # advance of the drive phase [turns]
-    h: Scalar  # its length [s]
+    turns: PerLane  # drive phase at its start [turns]
+    dturns: PerLane  # advance of the drive phase [turns]
+    h: PerLane  # its length [s]
 
 
-def interval_in_step(step: Int[Array, "..."], done: Scalar, length: Scalar, grid: TimeGrid) -> TrialInterval:
+def interval_in_step(step: Int[Array, "..."], done: PerLane, length: PerLane, grid: TimeGrid) -> TrialInterval:
     """The time interval of so much of a `step` after the part that is `done`."""
     at = step.astype(done.dtype) + done
     return TrialInterval(grid.start + at * grid.turn, length * grid.turn, length * grid.h)

@@ -37,16 +37,17 @@ from jaxshroud.march.event import (
 )
 from jaxshroud.march.events import evaluate_guards, place_contact
 from jaxshroud.march.guards import any_of
-from jaxshroud.march.locate import at_event, at_least_two, judge_trial, select, select_guard
-from jaxshroud.march.log import AcceptedTrial, new_accumulator, updated_accumulator
+from jaxshroud.march.locate import at_event, at_least_two, judge_trial, outcome_of_pair, select, select_guard
+from jaxshroud.march.log import new_accumulator, updated_accumulator
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observable import BladeTrial, Ending, InterfaceTrial, Lift
+from jaxshroud.march.observable import Ending, Lift
 from jaxshroud.march.rk_step import NO_STAGES, Stages, StepEnd, rk_stages, rk_step, trial_interval
 from jaxshroud.march.search import Search, following_search, new_search
+from jaxshroud.march.trial import AcceptedTrial, lane_after, mode_of_smooth_contact
 from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, where, zeros_for
 from jaxshroud.model.contact_law import Slider
 from jaxshroud.model.drive import Waves, drive_waves
-from jaxshroud.model.modes import FLAT, Mode, Status
+from jaxshroud.model.modes import FLAT, Status
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.scene.keys import Motion
 
@@ -137,7 +138,7 @@ def decide_trial(lane: Lane, end: StepEnd, fixed: Fixed[Model], method: Choices)
     rounding = rounding_of(kind, at, events)
     several = at_least_two(tuple(violated.values()))
     exact = jumps & ~several & (select_guard(guards.value, kind) <= rounding)
-    outcome = judge_trial(search, lane.guards, guards, violated, jumps, exact, h, method.locate, method.rk.order)
+    outcome = judge_trial(search, outcome_of_pair(search, lane.guards, guards, violated, jumps, exact, h), h, method)
     refine = jnp.zeros_like(active)
     if search.refinements is not None:  # derivatives need an event to be located several times
         refine = outcome.fire & active & (search.refinements < EVENT_REFINEMENTS - 1) & (search.length > 0)
@@ -147,9 +148,9 @@ def decide_trial(lane: Lane, end: StepEnd, fixed: Fixed[Model], method: Choices)
         refine=refine,
         kind=kind,
         several=several,
-        move_low=active & search.bracketing & ~any_of(violated.values()),
+        move_low=outcome.move_low & active,
         not_finite=not_finite,
-        delay=outcome.delay * h,
+        delay=outcome.delay,
         search=select(active & ~refine, outcome.search, search),
     )
 
@@ -182,22 +183,13 @@ def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed[Mo
     recheck = fire & jumped & any_of(above_zero(guards, method.all_events))
     recheck = any_of([recheck, *(fire & waits for waits in after.waiting)])
     next_search, step = following_search(search, lane.step, fire, recheck, method.locate)
-    trial = AcceptedTrial(
-        InterfaceTrial(h, start.mode, view.at.v, None, start, z, lift, gain.loads, model),
-        BladeTrial(start.motion, z, z, h, lane.step, step),
-        Ending(transition, fire, search.inside),
-    )
-    accumulator = updated_accumulator(lane.accumulator, gain, jumps, trial, method)
+    ending = Ending(transition, fire, search.inside)
+    trial = AcceptedTrial(start, start.mode, h, z, z, view.at.v, lift, gain, jumps, lane.step, step, ending)
+    accumulator = updated_accumulator(lane.accumulator, trial, model, method)
     accumulator = accumulator._replace(margins=updated_margins(accumulator.margins, change, fire, model))
     status = where(accept, _status(z, decision.not_finite, next_search), Status.OK).astype(jnp.int32)
-    return Lane(
-        select(accept, state, start),
-        where(accept, step, lane.step),
-        select(accept, next_search, repeated),
-        select(accept | decision.move_low, guards, lane.guards),
-        select(accept, accumulator, lane.accumulator),
-        where(running(lane, stop), status, lane.status),
-    )
+    later = Lane(state, step, next_search, guards, accumulator, status)
+    return lane_after(lane, later, accept, decision.move_low, running(lane, stop), repeated)
 
 
 def _status(z: Motion, lost: Bool[Array, ""], after: Search) -> Int[Array, ""]:
@@ -216,16 +208,12 @@ def _apply_without_events(lane: Lane, end: StepEnd, decision: Decision, fixed: F
     z, no, no_jumps = end.state.motion, jnp.zeros_like(accept), jax.tree.map(jnp.zeros_like, lane.accumulator.jumps)
     at = place_contact(z, lane.state, model)[2]
     next_search, step = following_search(lane.search, lane.step, no, no, method.locate)
-    mode, h = where(at.v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS)), trial_interval(lane, grid).h
-    trial = AcceptedTrial(
-        InterfaceTrial(h, mode, at.v, None, lane.state, z, Lift(no, no, no), end.gain.loads, model),
-        BladeTrial(lane.state.motion, z, z, h, lane.step, step),
-    )
-    accumulator = updated_accumulator(lane.accumulator, end.gain, no_jumps, trial, method)
+    mode, h, lift = mode_of_smooth_contact(at.v), trial_interval(lane, grid).h, Lift(no, no, no)
+    trial = AcceptedTrial(lane.state, mode, h, z, z, at.v, lift, end.gain, no_jumps, lane.step, step)
+    accumulator = updated_accumulator(lane.accumulator, trial, model, method)
     status = where(accept, _status(z, decision.not_finite, next_search), Status.OK).astype(jnp.int32)
-    before = (lane.state, lane.step, lane.search, lane.accumulator)
-    state, step, search, accumulator = select(accept, (end.state, step, next_search, accumulator), before)
-    return Lane(state, step, search, None, accumulator, where(running(lane, stop), status, lane.status))
+    later = Lane(end.state, step, next_search, None, accumulator, status)
+    return lane_after(lane, later, accept, no, running(lane, stop), lane.search)
 
 
 def _differentiable_event_end(end: StepEnd, lane: Lane, kind: Int[Array, ""], fixed: Fixed[Model], events: Events):

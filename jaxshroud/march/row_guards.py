@@ -4,11 +4,11 @@ from functools import partial
 from typing import Any
 
 from jaxshroud.march.event import Events
-from jaxshroud.march.events import EVENTS, guards_at, place_contact
+from jaxshroud.march.events import BUILT_IN_EVENTS, guards_at, place_contact
 from jaxshroud.march.guards import GuardEvaluation, Guards
 from jaxshroud.march.observables import ContactForces, contact_forces_at
 from jaxshroud.model.arithmetic import ZERO, Scalar, Zero, is_zero
-from jaxshroud.model.geometry import ContactKinematics
+from jaxshroud.model.geometry import Kinematics
 from jaxshroud.model.interface import EndTorques, law_forces, torques_along_face
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import Recorded
@@ -42,13 +42,13 @@ def row_torques(
     return relative_torques(own, state.case, cluster, model), joint_inertia(cluster, model)
 
 
-def interface_view(torque: Scalar, state: State, model: Model, events: Events = EVENTS) -> GuardEvaluation:
+def interface_view(torque: Scalar, state: State, model: Model, events: Events = BUILT_IN_EVENTS) -> GuardEvaluation:
     """The kinematics and the guards of one interface under the relative torque of its corner."""
     placed = place_contact(state.motion, state, model)
     return guards_at(placed, state.motion, _end_torques(torque, placed[2], state, model), state, model, events)
 
 
-def _end_torques(torque: Scalar, at: ContactKinematics, state: State, model: Model) -> EndTorques:
+def _end_torques(torque: Scalar, at: Kinematics, state: State, model: Model) -> EndTorques:
     """The torques at both ends of the faces' overlap from the relative torque of the corner."""
     if is_zero(torque):
         return EndTorques(ZERO, ZERO)

@@ -9,19 +9,19 @@ from jaxtyping import Array, Bool, Int
 from jaxshroud.march.event import Events, first_kind, forces_jump, rounding_of, violated_guards
 from jaxshroud.march.guards import Guards, any_of
 from jaxshroud.march.locate import (
-    CUBIC_TRIALS,
+    LocationDecision,
+    TrialOutcome,
     at_least_two,
-    event_tolerance,
     first_crossed,
     first_interior_maximum,
-    next_trial_end,
+    judge_trial,
     select,
     select_guard,
 )
-from jaxshroud.march.method_names import Locate
+from jaxshroud.march.method import Choices
 from jaxshroud.march.row_guards import interface_view
 from jaxshroud.march.search import Search, Target
-from jaxshroud.model.arithmetic import Scalar, where
+from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.prepared import Model, State
 
 
@@ -67,7 +67,7 @@ def interface_outcome(
 
 
 class RowOutcome(NamedTuple):
-    """What a trial has shown of a row."""
+    """What a trial has shown of a row, of which `judge_row` makes a `TrialOutcome`."""
 
     hits: Int[Array, ""]  # number of interfaces where a guard is violated
     jumps: Bool[Array, ""]  # the forces jump at one of them
@@ -96,59 +96,21 @@ def row_outcome(search: Search, outcome: InterfaceOutcome, low: Guards) -> RowOu
     )
 
 
-class RowDecision(NamedTuple):
-    """The decision on a trial step of a row."""
-
-    accept: Bool[Array, ""]
-    fire: Bool[Array, ""]  # accept, and cross the violated guards
-    move_low: Bool[Array, ""]  # the trial's end is the new lower end of the bracket
-    delay: Scalar  # upper bound of the time since the event [s]
-    search: Search  # if the trial is not accepted
-
-
 def judge_row(
-    search: Search,
-    outcome: RowOutcome,
-    active: Bool[Array, ""],
-    h: Scalar,
-    locate: Locate,
-    order: int,
-    derivative: bool,
-) -> RowDecision:
-    """Decide on a trial of one lane, as `judge_trial` does for a pair; `h` is the length of a whole step [s]."""
-    hit = outcome.hits > 0
-    if locate == "none":
-        return RowDecision(active, hit & active, jnp.zeros_like(hit), search.length * h, search)
-    bracketing = search.bracketing | hit
-    high = where(hit, search.length, search.high)
-    below = where(search.bracketing & ~hit, search.length, search.low)
-    probes = ~bracketing & ~search.probing & (outcome.top < 1)
-    finest = event_tolerance(jnp.ones_like(hit), locate, order, derivative, high.dtype)
-    tolerance = event_tolerance(outcome.jumps, locate, order, derivative, high.dtype)
-    target, delay, next_end = search.target, high - below, (below + high) / 2
+    search: Search, outcome: RowOutcome, active: Bool[Array, ""], h: Scalar, method: Choices
+) -> LocationDecision:
+    """`judge_trial` of one lane that is `active`; else its search goes on as it is."""
+    hit, target = outcome.hits > 0, search.target
     if target is not None:
-        place, tries = outcome.crossed.place, target.tries
-        chosen = select(hit, outcome.crossed._replace(tries=tries, place=None), target._replace(place=None))
-        chosen = chosen._replace(tries=where(hit | search.bracketing, tries + 1, 0))
-        target = chosen._replace(place=place)
-        by_cubic, delay = next_trial_end(chosen, outcome.low, below, high, h, tolerance)
-        halve = (chosen.tries > CUBIC_TRIALS) & (chosen.tries % 2 == 0)
-        next_end = where(halve, next_end, by_cubic)
+        crossed = outcome.crossed._replace(tries=target.tries)
+        target = select(hit, crossed, target._replace(place=crossed.place))
     exact = outcome.exact & (outcome.hits == 1)
-    fire = hit & ((delay <= tolerance) | exact)
-    after = search._replace(
-        length=where(probes, outcome.top * search.length, where(high - below <= finest, high, next_end)),
-        low=below,
-        high=high,
-        bracketing=bracketing,
-        probing=probes,
-        inside=search.inside | (search.probing & hit),
-        target=target,
-    )
-    return RowDecision(
-        ((~bracketing & ~probes) | fire) & active,
-        fire & active,
-        active & search.bracketing & ~hit,
-        delay * h,
-        select(active, after, search),
+    seen = TrialOutcome(hit, outcome.jumps, exact, outcome.top, target, outcome.low)
+    decision = judge_trial(search, seen, h, method)
+    return LocationDecision(
+        decision.accept & active,
+        decision.fire & active,
+        decision.move_low & active,
+        decision.delay,
+        select(active, decision.search, search),
     )

@@ -92,7 +92,7 @@ def one_after_the_other(crossing: RowCrossing, lane: Lane, place: Any, h: OfLane
     first, eligible = crossing.fires & here, crossing.fires & (search.pending | moves[None])
     fires = jnp.any(first, axis=0)
     waits = ~moves & jnp.any(first & search.pending, axis=0)
-    finest = event_tolerance(jnp.zeros((), bool), method.locate, method.rk.order, True, h.dtype)
+    finest = event_tolerance(jnp.zeros((), bool), method, h.dtype)
     return RowCrossing(
         first,
         crossing.kind,

@@ -28,9 +28,8 @@ from jaxshroud.march.carry import (
 from jaxshroud.march.event import above_zero, case_switches, check_own_events, guards_after_event, guards_to_begin_with
 from jaxshroud.march.events import FLAT_RETURN
 from jaxshroud.march.guards import Guards, any_of
-from jaxshroud.march.locate import select
+from jaxshroud.march.locate import LocationDecision, select
 from jaxshroud.march.log import (
-    RowTrial,
     new_row_log,
     penetrations,
     takers_of_events,
@@ -42,7 +41,7 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Ending, Lift
 from jaxshroud.march.rk_step import interval_in_step, trial_interval
 from jaxshroud.march.row_guards import interface_view, row_guards, row_torques
-from jaxshroud.march.row_locate import InterfaceOutcome, RowDecision, interface_outcome, judge_row, row_outcome
+from jaxshroud.march.row_locate import InterfaceOutcome, interface_outcome, judge_row, row_outcome
 from jaxshroud.march.row_step import (
     OfLanes,
     RowCrossing,
@@ -52,8 +51,10 @@ from jaxshroud.march.row_step import (
     row_step,
 )
 from jaxshroud.march.search import following_search, new_search
-from jaxshroud.model.arithmetic import ANGLE_RANGE, ZERO, Scalar, is_zero, zeros_for
-from jaxshroud.model.modes import FLAT, Mode, Status
+from jaxshroud.march.trial import AcceptedTrial, lane_after, mode_of_smooth_contact
+from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, is_zero, zeros_for
+from jaxshroud.model.modes import FLAT, Status
+from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.row import (
     Each,
@@ -68,7 +69,7 @@ from jaxshroud.model.row import (
 
 def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Lane:
     """A row at step 0. The first trial has length zero: it sets the guards, and a start in overlap is an onset."""
-    lanes, shape = jnp.zeros_like(jax.tree.leaves(state.motion)[0][0]), jnp.shape(state.mode)
+    lanes, shape = jnp.zeros_like(jax.tree.leaves(state.motion)[0][0]), jnp.shape(state.case)
     count, at = jnp.zeros(lanes.shape, jnp.int32), jnp.zeros(shape, lanes.dtype)
     pending = jnp.zeros(shape, bool) if method.derivative else None
     turns = jnp.zeros(shape, jnp.int32) if model.turns_by_events else None
@@ -141,7 +142,7 @@ def interface_change(
 class RowVerdict(NamedTuple):
     """What a trial leads to. Nothing here has a derivative."""
 
-    decision: RowDecision
+    decision: LocationDecision
     outcome: InterfaceOutcome  # of each interface
     crossing: RowCrossing
     torque: Any  # of each interface, see `row_torques`, and so is the next
@@ -161,7 +162,7 @@ def judge_row_trial(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method:
     pairs = pair_states(end.state, model)
     at_interface = partial(interface_outcome, events=method.all_events)
     outcome = over(each, at_interface, torque, pairs, lane.guards, counts, h, model.interfaces)
-    judge = partial(judge_row, locate=method.locate, order=method.rk.order, derivative=method.derivative)
+    judge = partial(judge_row, method=method)
     of_row = row_outcome(search, outcome, lane.guards)
     decision = each(judge, search._replace(pending=None, turns=None), of_row, running(lane, stop), grid.h)
     fires = decision.fire[None] & outcome.hit
@@ -199,20 +200,16 @@ def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -
     next_search, step = following_search(
         search._replace(turns=change.turns), lane.step, decision.fire, recheck, method.locate
     )
-    trial = RowTrial(lane.state, lane.state.mode, interval.h, end, after.motion, change, dropped, lane.step, step)
-    accumulator = updated_row_accumulator(lane.accumulator, trial, model, method, each)
+    start, motions, jumps = lane.state, (end.state.motion, after.motion), EnergyJumps(change.springs, dropped)
+    told = change.v, change.lift, end.gain, jumps, lane.step, step, change.counted
+    trial = AcceptedTrial(start, interface_mode(start.mode), interval.h, *motions, *told)
+    accumulator = updated_row_accumulator(lane.accumulator, trial, model, method, each)._replace(margins=change.margins)
     limit = MAX_EVENTS_PER_STEP * len(verdict.outcome.hit)
     too_many = next_search.events > limit
     status = status_of(_turned(after, verdict.not_finite, model), verdict.not_finite, too_many)
     status = jnp.where(accept, status, Status.OK).astype(jnp.int32)
-    return Lane(
-        select(accept, after, lane.state),
-        jnp.where(accept, step, lane.step),
-        select(accept, next_search, repeated),
-        select(accept | decision.move_low, guards, lane.guards),
-        select(accept, accumulator, lane.accumulator),
-        jnp.where(active, status, lane.status),
-    )
+    later = Lane(after, step, next_search, guards, accumulator, status)
+    return lane_after(lane, later, accept, decision.move_low, active, repeated)
 
 
 def _guards_after_events(
@@ -288,20 +285,12 @@ def _without_events(
     """The rows after a trial of smooth contact, which is accepted in any case."""
     no = jnp.zeros_like(active)
     v = penetrations(end.state, model, each)
-    touches = jnp.where(v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS))
-    told = jnp.zeros_like(v), _of_events(lane.accumulator.log, method), v, lane.accumulator.margins, Lift(no, no, no)
-    change = InterfaceChange(ZERO, touches, touches, no, None, no, *told)
+    jumps, motion = EnergyJumps(jnp.zeros_like(v), jnp.zeros_like(h)), end.state.motion
     next_search, step = following_search(lane.search, lane.step, no, no, method.locate)
-    motion = end.state.motion
-    trial = RowTrial(lane.state, touches, h, end, motion, change, jnp.zeros_like(h), lane.step, step)
+    told = v, Lift(no, no, no), end.gain, jumps, lane.step, step, _of_events(lane.accumulator.log, method)
+    trial = AcceptedTrial(lane.state, mode_of_smooth_contact(v), h, motion, motion, *told)
     accumulator = updated_row_accumulator(lane.accumulator, trial, model, method, each)
     lost = ~_is_finite(end.state)
     status = status_of(_turned(end.state, lost, model), lost, no)
-    return Lane(
-        select(active, end.state, lane.state),
-        jnp.where(active, step, lane.step),
-        select(active, next_search, lane.search),
-        None,
-        select(active, accumulator, lane.accumulator),
-        jnp.where(active, status, lane.status),
-    )
+    later = Lane(end.state, step, next_search, None, accumulator, status)
+    return lane_after(lane, later, active, no, active, lane.search)

@@ -5,18 +5,18 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.march.carry import NEGLIGIBLE_REST
+from jaxshroud.march.carry import NEGLIGIBLE_REST, PerLane
 from jaxshroud.march.method_names import Locate
-from jaxshroud.model.arithmetic import Scalar, where
+from jaxshroud.model.arithmetic import where
 
 
 class Target(NamedTuple):
     """The guard that a search closes in on, at the upper end of the bracket."""
 
     kind: Int[Array, "..."]
-    value: Scalar
-    rate: Scalar
-    integral: Scalar
+    value: PerLane
+    rate: PerLane
+    integral: PerLane
     tries: Int[Array, "..."]
     place: Int[Array, "..."] | None = None  # the interface of a row; None of a pair
 
@@ -24,10 +24,10 @@ class Target(NamedTuple):
 class Search(NamedTuple):
     """The search inside the current step; lengths are fractions of a step. Of a row there is one for all interfaces."""
 
-    done: Scalar  # the part that is accepted
-    length: Scalar  # of the next trial
-    low: Scalar  # the bracket of the event, measured from `done`
-    high: Scalar
+    done: PerLane  # the part that is accepted
+    length: PerLane  # of the next trial
+    low: PerLane  # the bracket of the event, measured from `done`
+    high: PerLane
     bracketing: Bool[Array, "..."]
     probing: Bool[Array, "..."]  # the next trial ends where a guard seems to have a maximum
     inside: Bool[Array, "..."]  # the bracket was found by such a trial
@@ -45,8 +45,8 @@ class Search(NamedTuple):
 
 
 def new_search(
-    done: Scalar,
-    length: Scalar,
+    done: PerLane,
+    length: PerLane,
     recheck: Bool[Array, "..."],
     events: Int[Array, "..."],
     locate: Locate,

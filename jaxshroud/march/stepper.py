@@ -15,9 +15,9 @@ from jaxshroud.march.taylor_trial import (
     update_after_taylor,
 )
 from jaxshroud.model.arithmetic import Scalar
+from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import ContactPart
 
 StageGroups = tuple[int, ...]  # numbers of stages after which a long trial is split into kernels
 
@@ -56,21 +56,19 @@ class Stepper(NamedTuple):
     """(lanes, trials, constants, method, each) -> the lanes afterwards; unchanged if they have arrived or failed."""
     dense_output: DenseOutput | None
     """None: the motion is known where trials end, and every step ends a trial."""
-    contacts: tuple[ContactPart, ...]
-    """The kinds of contact that it can march."""
+    knows: Callable[[type[ContactLaw]], bool]
+    """Whether it can march a law of contact of that kind."""
     large_kernels: bool
     """Each half of a trial is one kernel of thousands of operations, for which XLA needs its own options."""
 
 
-RUNGE_KUTTA = Stepper(
-    begin_rk, rk_trials, update_after_rk, None, ("none", "spring", "smooth", "own"), large_kernels=False
-)
+RUNGE_KUTTA = Stepper(begin_rk, rk_trials, update_after_rk, None, lambda law: True, large_kernels=False)
 POWER_SERIES = Stepper(
     begin_taylor,
     taylor_trials,
     update_after_taylor,
     DenseOutput(trial_and_series, motion_in_trial),
-    ("none", "spring"),
+    lambda law: law.by_series,
     large_kernels=True,
 )
 

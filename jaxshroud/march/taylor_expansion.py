@@ -23,12 +23,12 @@ from jaxshroud.march.tableau import TOLERANCE_RANGE
 from jaxshroud.model.arithmetic import ZERO, Pair, Scalar, is_zero, sincos_turns, where
 from jaxshroud.model.contact_law import ContactLoads, LinearLaw, linear_law
 from jaxshroud.model.drive import Waves, drive_wave_rates, drive_wave_series, drive_waves
-from jaxshroud.model.geometry import ContactKinematics, Pose, contact_rates
+from jaxshroud.model.geometry import Kinematics, Pose, contact_rates
 from jaxshroud.model.interface import EndTorques, Placement, placement
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
 from jaxshroud.model.rhs import Ledger, Means, Moments, Recorded, end_torques_under, mean_square, rhs, rhs_at
-from jaxshroud.model.series import Series, polynomial_value, rate_of, truncated
+from jaxshroud.model.series import Series, of_each, polynomial_value, rate_of, truncated
 from jaxshroud.scene.keys import Motion
 
 RADIANS_PER_TURN = 2 * math.pi
@@ -82,13 +82,7 @@ def taylor_expansion(lane: Lane, fixed: Fixed[Model], order: int, ledger: bool) 
 
 def without_derivatives(expansion: TaylorExpansion) -> TaylorExpansion:
     """The same numbers without derivatives."""
-
-    def without(a: Any) -> Any:
-        if isinstance(a, Series):
-            return a.of_each(lax.stop_gradient)
-        return a if isinstance(a, int) else lax.stop_gradient(a)
-
-    return jax.tree.map(without, expansion)
+    return jax.tree.map(lambda a: a if isinstance(a, int) else of_each(a, lax.stop_gradient), expansion)
 
 
 def per_radian(model: Model, unit: Scalar) -> Model:
@@ -126,7 +120,7 @@ def _switch_series(Q: Waves, place: Placement, now: State, model: Model, order: 
     return [(number_of(TURN), turn - slack[0]), (number_of(HEIGHT), height - slack[1])]
 
 
-def _friction_series(at: ContactKinematics, now: State, model: Model) -> list[GuardSeries]:
+def _friction_series(at: Kinematics, now: State, model: Model) -> list[GuardSeries]:
     """The guards of the friction element."""
     rate = contact_rates(at, now.motion, now.case, model.reading)
     guards = linear_law(model.law).friction_series(at, rate, now.u_s, now.mode)
@@ -137,14 +131,16 @@ EXTRA_WORK_TERMS = 4  # further terms of the works: without them the error of sq
 TESTED_TOLERANCES = np.geomspace(*TOLERANCE_RANGE, 16)
 
 
-def integrated_squares(expansion: TaylorExpansion, order: int, s: Scalar, gyration: Scalar) -> Pair:
+def integrated_squares(expansion: TaylorExpansion, order: int, s: Scalar, model: Model) -> Pair:
     """The mean squares of the displacements, integrated over `s` radians."""
     pose, total = expansion.pose, (ZERO, ZERO)
     mean = lambda a: a if is_zero(a) else polynomial_value(_integrated(a, order), s) / where(s > 0, s, 1.0)
-    versine = tuple(map(mean, pose.versine))  # which enters linearly
+    versine = tuple(map(mean, pose.versine))  # which enters linearly, as the sine does
+    sine = pose.sin if model.static is None else tuple(map(mean, pose.sin))
     for t, weight in zip(*lobatto_rule_for(order), strict=True):
         x, y = (tuple(_at_node(a, order, s, t) for a in pair) for pair in (pose.x, pose.y))
-        squares = mean_square(pose._replace(x=x, y=y, versine=versine), gyration)
+        at = pose._replace(x=x, y=y, sin=sine, versine=versine)
+        squares = mean_square(at, model.gyration, model.static)
         total = total[0] + weight * squares[0], total[1] + weight * squares[1]
     left, right = (a if is_zero(a) else a * s * expansion.unit for a in total)
     return left, right

@@ -33,9 +33,9 @@ from jaxshroud.march.events import EVENTS, FLAT_RETURN, LIFT, happens, number_of
 from jaxshroud.march.extremes import ContactSeries, MotionSeries, deepest_penetration
 from jaxshroud.march.guards import any_of
 from jaxshroud.march.locate import at_event, select
-from jaxshroud.march.log import AcceptedTrial, found_by_series, new_accumulator, updated_accumulator
+from jaxshroud.march.log import found_by_series, new_accumulator, updated_accumulator
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observable import BladeTrial, Ending, InterfaceTrial
+from jaxshroud.march.observable import Ending
 from jaxshroud.march.taylor_events import (
     TaylorSearch,
     TrialEvent,
@@ -55,6 +55,7 @@ from jaxshroud.march.taylor_expansion import (
     taylor_expansion,
     without_derivatives,
 )
+from jaxshroud.march.trial import AcceptedTrial
 from jaxshroud.model.arithmetic import Scalar, is_zero, sincos_turns, where
 from jaxshroud.model.contact_law import linear_law
 from jaxshroud.model.drive import drive_waves
@@ -130,7 +131,7 @@ def trial_and_series(lane: Lane, fixed: Fixed[Model], method: Choices) -> tuple[
     if not method.derivative:
         found = _found_in_trial(expansion, s, lane, event, kind, fixed, method)
     gain = Integrals(
-        integrated_squares(expansion, order, s, fixed.model.gyration),
+        integrated_squares(expansion, order, s, fixed.model),
         integrated_works(expansion, order, s),
         integrated_moments(expansion, order, s) if method.amplitudes else None,
         integrated_loads(expansion, order, s, lane.state, linear_law(fixed.model.law)) if method.forces else None,
@@ -261,13 +262,10 @@ def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[Model], method
     h = trial.length * grid.h
     change = event_change(z, Q, start, fire, trial.kind, h, fixed)
     transition = change.transition
-    accepted = AcceptedTrial(
-        InterfaceTrial(h, start.mode, trial.deepest, None, start, z, change.lift, trial.gain.loads, model),
-        BladeTrial(start.motion, z, z, h, lane.step, step),
-        Ending(transition, fire, event.inside),
-        trial.by_series,
-    )
-    accumulator = updated_accumulator(lane.accumulator, trial.gain, change.jumps, accepted, method)
+    ending = Ending(transition, fire, event.inside)
+    ends, sums = (z, z, trial.deepest, change.lift), (trial.gain, change.jumps)
+    accepted = AcceptedTrial(start, start.mode, h, *ends, *sums, lane.step, step, ending, trial.by_series)
+    accumulator = updated_accumulator(lane.accumulator, accepted, model, method)
     accumulator = accumulator._replace(margins=updated_margins(accumulator.margins, change, fire, model))
     lost, tries = ~is_finite(z), jnp.maximum(next_search.events, next_search.tries)
     status = status_of(turned_too_far(z, lost), lost, tries > MAX_EVENTS_PER_STEP)

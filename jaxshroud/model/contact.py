@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxshroud.model.arithmetic import Pair, Scalar, blended, where
+from jaxshroud.model.face_points import FaceKinematics
 from jaxshroud.model.geometry import Case, ContactKinematics, Corners, is_upper, tip_is_left
 from jaxshroud.model.modes import FLAT
 
@@ -52,6 +53,18 @@ def contact_load(
     f_x, f_y = (t_y, t_x) if "friction_components" in reading else (t_x, t_y)
     M = (N * normal[0] + F * friction[0], N * normal[1] + F * friction[1])
     return Load(-N * n_x - F * f_x, -N * n_y - F * f_y, M)
+
+
+def middle_load(at: FaceKinematics, N: Scalar, F: Scalar, couple: Scalar) -> Load:
+    """The load of faces of points under forces whose sums are `N` and `F`, each at the middle between two partners.
+
+    `couple` is the sum of the normal forces times the reach of their points [N m].
+    """
+    (n_x, n_y), (t_x, t_y) = at.normal, at.tangent
+    (l_x, r_x), (l_y, r_y), (e_x, e_y) = at.corner, at.corner_y, at.offset
+    R = -N * n_x - F * t_x, -N * n_y - F * t_y
+    left, right = (l_x - e_x / 2, l_y - e_y / 2), (r_x + e_x / 2, r_y + e_y / 2)
+    return Load(*R, (_cross_product(left, R) - couple, couple - _cross_product(right, R)))
 
 
 def sprung_load(at: ContactKinematics, k: Scalar, N: Scalar, F: Scalar, case: Case, block: Corners) -> Load:

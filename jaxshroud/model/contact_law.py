@@ -12,23 +12,25 @@ several points can have one law.
 from abc import abstractmethod
 from typing import Any, ClassVar, NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from jaxshroud.model.arithmetic import ZERO, Scalar, where
 from jaxshroud.model.contact import Load, contact_load
 from jaxshroud.model.geometry import (
+    AtPoint,
     Case,
     CaseBlend,
-    ContactKinematics,
-    ContactRates,
     Corners,
+    Kinematics,
     Pose,
+    Rates,
+    RatesAtPoint,
     contact_rates,
 )
 from jaxshroud.model.modes import Mode
 from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.laws import SceneLaw
 
 Slider = Any  # a scalar, or the state z of user laws, of any shape
 Modes = Int[Array, "..."]  # see `Mode`
@@ -40,6 +42,18 @@ class LawForces(NamedTuple):
     N: Scalar  # [N]
     F: Scalar  # positive against sliding to larger u [N]
     u_s: Slider  # rate of the slider where it is integrated with the motion, else absent
+
+
+class SummedForces(NamedTuple):
+    """The sums of the forces of several points, as `LawForces`, and those of each."""
+
+    N: Scalar
+    F: Scalar
+    u_s: Slider
+    points: tuple[Any, ...]  # `LawForces`
+
+
+Forces = LawForces | SummedForces
 
 
 class ContactLoads(NamedTuple):
@@ -54,25 +68,28 @@ class ContactLoads(NamedTuple):
 class ContactPoint(NamedTuple):
     """A point of contact at an instant: how the faces lie and move there, and what is known of its past."""
 
-    at: ContactKinematics
+    at: Any  # `AtPoint`; of an interface of several points `FaceKinematics`
     motion: Motion  # of the blocks
     case: Case
     u_s: Slider
-    mode: Modes
+    mode: Any  # `Modes`, of an interface of several points a tuple of them
     reading: frozenset[str]
+    own_rates: Any = None  # the rates of a point among several, where they are asked for
 
-    def rates(self) -> ContactRates:
-        """The time derivatives of the kinematics."""
+    def rates(self) -> Any:
+        """The time derivatives of the kinematics, `RatesAtPoint`."""
+        if self.own_rates is not None:
+            return self.own_rates
         return contact_rates(self.at, self.motion, self.case, self.reading)
 
 
 class GuardCrossing(NamedTuple):
     """A point of contact where a guard has been crossed, before the transition."""
 
-    at: ContactKinematics
-    rate: ContactRates
+    at: Any  # `AtPoint`, of an interface of several points all of them, and so are the next three
+    rate: Any  # `RatesAtPoint`
     u_s: Slider
-    mode: Modes
+    mode: Any  # `Modes`
     delay: Scalar  # upper bound of the time since the crossing [s]
 
 
@@ -84,19 +101,25 @@ class FrictionGuard(NamedTuple):
     slip_path: Scalar  # in slip the path of the slider, an integral of the guard; else 0
 
 
-class ContactLaw(eqx.Module):
-    """A law of contact."""
+class ContactLaw(SceneLaw):
+    """A law of contact; what it can do is told by its class, and known without its numbers."""
 
+    called: ClassVar[str] = "own laws"  # in messages
+    by_series: ClassVar[bool] = False  # power series march it
+    is_examined: ClassVar[bool] = False  # the accuracy of its marches is, and can be asked for
     has_events: ClassVar[bool] = True  # contact begins, ends and changes its case by events, and may be flat
     has_stick: ClassVar[bool] = False  # friction sticks and slips, with events in between
     flows: ClassVar[bool] = False  # its slider, or internal state, is integrated with the motion
     relaxes: ClassVar[bool] = False  # an internal state of friction relaxes by itself, which bounds the step
     jumps_at_onset: ClassVar[bool] = False  # forces jump where contact begins or ends
     may_create_energy: ClassVar[bool] = False  # it is not known to be passive: the balance of energy stops bad marches
+    has_points: ClassVar[bool] = (
+        False  # an interface has several points of contact, with modes and sliders of their own
+    )
     is_long: ClassVar[bool] = False  # in operations: fewer stages share a kernel
 
     @abstractmethod
-    def forces(self, point: ContactPoint) -> LawForces:
+    def forces(self, point: ContactPoint) -> Forces:
         """The normal and the friction force, and the rate of the slider where it is integrated."""
 
     @abstractmethod
@@ -122,11 +145,11 @@ class ContactLaw(eqx.Module):
         """The fastest relaxation rate of an internal state at a `speed` of the blades [m/s], in 1/s."""
         return jnp.zeros_like(speed)
 
-    def load(self, point: ContactPoint, forces: LawForces, block: Corners) -> Load:
+    def load(self, point: ContactPoint, forces: Any, block: Corners) -> Load:
         """The load of its forces on both blocks."""
         return contact_load(point.at, forces.N, forces.F, point.case, block, point.reading)
 
-    def shift_torque(self, at: ContactKinematics, forces: LawForces, mode: Modes) -> Scalar:
+    def shift_torque(self, at: Kinematics, forces: Any, mode: Modes) -> Scalar:
         """F v - N u: the torque of the forces where they act at the other end of the offset, less that here [N m]."""
         del mode
         return forces.F * at.v - forces.N * at.u
@@ -136,12 +159,20 @@ class ContactLaw(eqx.Module):
         del v, u, u_s, mode
         return ZERO
 
-    def dissipated_power(self, point: ContactPoint, forces: LawForces) -> Scalar:
+    def stretch_at(self, at: Kinematics, u_s: Slider, mode: Any) -> Any:
+        """The `stretch` at an interface, of several points that of each."""
+        return self.stretch(at.v, at.u, u_s, mode)
+
+    def energy_at(self, at: Kinematics, w: Any, mode: Any) -> Scalar:
+        """The energy stored at an interface under a `stretch_at` [J]."""
+        return self.stored_energy(at.v, w, mode)
+
+    def dissipated_power(self, point: ContactPoint, forces: Any) -> Scalar:
         """The power that contact dissipates [W]."""
         del point, forces
         return ZERO
 
-    def load_rates(self, point: ContactPoint, forces: LawForces) -> ContactLoads:
+    def load_rates(self, point: ContactPoint, forces: Any) -> ContactLoads:
         """The rates of the loads."""
         del point
         return ContactLoads(forces.N, ZERO, ZERO, ZERO)
@@ -151,21 +182,21 @@ class ContactLaw(eqx.Module):
         del q, block
         return None
 
-    def carried_mode(self, mode: Modes) -> Modes:
+    def carried_mode(self, mode: Any) -> Any:
         """A user's mode in the form that compiled loops carry."""
         return mode
 
-    def carried_slider(self, u_s: Slider, mode: Modes) -> Slider:
+    def carried_slider(self, u_s: Slider, mode: Any) -> Slider:
         """A user's slider in the form that compiled loops carry; absent without one."""
         del u_s, mode
         return ZERO
 
-    def lift_guard(self, at: ContactKinematics, rate: ContactRates, apart: Bool[Array, ""]) -> tuple[Scalar, Scalar]:
+    def lift_guard(self, at: AtPoint, rate: RatesAtPoint, apart: Bool[Array, ""]) -> tuple[Scalar, Scalar]:
         """The value [m] and the rate of the guard of onset and separation: v when `apart`, -v in contact."""
         lift = where(apart, 1.0, -1.0)
         return lift * at.v, lift * rate.v
 
-    def friction_guard(self, at: ContactKinematics, rate: ContactRates, u_s: Slider, mode: Modes) -> FrictionGuard:
+    def friction_guard(self, at: AtPoint, rate: RatesAtPoint, u_s: Slider, mode: Modes) -> FrictionGuard:
         """The guard of the friction element."""
         del at, rate, u_s, mode
         return FrictionGuard(ZERO, ZERO, ZERO)
@@ -189,7 +220,7 @@ class ContactLaw(eqx.Module):
         del deepest, mode
         return jnp.maximum(*at_ends)
 
-    def friction_rate(self, rate: ContactRates, mode: Modes) -> Scalar:
+    def friction_rate(self, rate: RatesAtPoint, mode: Modes) -> Scalar:
         """The rate of the friction force [N/s]; absent where it is not known, or there is no friction."""
         del rate, mode
         return ZERO
@@ -197,6 +228,8 @@ class ContactLaw(eqx.Module):
 
 class LinearLaw(ContactLaw):
     """A law whose forces are linear in v and u within a mode. Power series march it; see `linear_law`."""
+
+    by_series: ClassVar[bool] = True
 
     @property
     def stiffnesses(self) -> tuple[Any, ...]:
@@ -212,9 +245,7 @@ class LinearLaw(ContactLaw):
         del v_rate, u_rate, mode
         return ZERO
 
-    def friction_series(
-        self, at: ContactKinematics, rate: ContactRates, u_s: Slider, mode: Modes
-    ) -> tuple[Scalar, ...]:
+    def friction_series(self, at: Kinematics, rate: Rates, u_s: Slider, mode: Modes) -> tuple[Scalar, ...]:
         """The guards of the friction element as series, which have no magnitude: one for each direction in stick."""
         del at, rate, u_s, mode
         return ()
@@ -236,6 +267,6 @@ def linear_law(law: ContactLaw) -> LinearLaw:
     return law
 
 
-def starts_in_overlap(at: ContactKinematics, delay: Scalar) -> Bool[Array, ""]:
+def starts_in_overlap(at: AtPoint, delay: Scalar) -> Bool[Array, ""]:
     """Whether an onset is that of blocks which start pressed together, rather than one from a gap."""
     return (delay == 0) & (at.v > at.rounding)

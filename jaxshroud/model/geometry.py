@@ -15,33 +15,32 @@ In each case one corner (the tip) presses on the other block's face:
 
 Where contact at either corner would turn the blocks back, the faces stay parallel, flat on each other. The article does
 not treat this limit of a relay; here it is case 5, `FLAT`, with the geometry of case 4.
+
+Faces may have several points of contact instead, see `face_kinematics`; then there are no cases.
 """
 
-from functools import reduce
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.model.arithmetic import Pair, Scalar, Symbolic, blended, is_zero, plus, sine_versine, where
+from jaxshroud.model.arithmetic import Pair, Scalar, Symbolic, blended, where
+from jaxshroud.model.blocks import Corners, FacePoint, Pose, rotation, rounding_of_sum
+from jaxshroud.model.face_points import (
+    FaceKinematics,
+    FaceRates,
+    PointKinematics,
+    PointRates,
+    face_kinematics,
+    face_rates,
+)
 from jaxshroud.model.series import rate_of
 from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.points import ContactPoints
 from jaxshroud.scene.scene import Shroud
 
 
-class Corners(NamedTuple):
-    """The constants of the blocks: corners a and b of the left one about its centre, and the angle of the face."""
-
-    a_x: Scalar
-    b_x: Scalar
-    h_y: Scalar  # a_y = h_y, b_y = -h_y
-    sin_alpha: Scalar
-    cos_alpha: Scalar
-    gap: Scalar
-    l_ab: Scalar  # from b to a, along the face
-
-
-def corners(shroud: Shroud, reading: frozenset[str] = frozenset()) -> Corners:
+def corners(shroud: Shroud, reading: frozenset[str] = frozenset(), points: ContactPoints | None = None) -> Corners:
     """The corners of the blocks from their sides; the faces lean to the right going up.
 
     Source:
@@ -55,7 +54,13 @@ def corners(shroud: Shroud, reading: frozenset[str] = frozenset()) -> Corners:
     if "corner_angles" in reading:
         along = shroud.l_ab * (sin_alpha**2 - cos_alpha**2)
         return Corners(near, far, h_y, sin_alpha, cos_alpha, shroud.gap, along)
-    return Corners(far, near, h_y, sin_alpha, cos_alpha, shroud.gap, shroud.l_ab)
+    of_face = () if points is None else _face_points(points, shroud.l_ab)
+    return Corners(far, near, h_y, sin_alpha, cos_alpha, shroud.gap, shroud.l_ab, of_face)
+
+
+def _face_points(points: ContactPoints, l_ab: Scalar) -> tuple[FacePoint, ...]:
+    places = points.lengths(l_ab)
+    return tuple(FacePoint(places[m], points.shares[m]) for m in range(points.number))
 
 
 def gyration(shroud: Shroud) -> Scalar:
@@ -68,26 +73,10 @@ def gyration_of_sides(l_oa: Any, l_ab: Any) -> Any:
     return (l_oa**2 + l_ab**2) / 12
 
 
-class Pose(NamedTuple):
-    """The positions of both blocks, with the sine, cosine and versine of their angles."""
-
-    x: Pair
-    y: Pair
-    theta: Pair
-    sin: Pair
-    cos: Pair
-    versine: Pair  # 1 - cos
-
-
 def pose(x: Pair, y: Pair, theta: Pair) -> Pose:
     """The pose of both blocks from their displacements."""
     (s_1, v_1), (s_2, v_2) = map(rotation, theta)
     return Pose(x, y, theta, (s_1, s_2), (1 - v_1, 1 - v_2), (v_1, v_2))
-
-
-def rotation(theta: Scalar) -> tuple[Scalar, Scalar]:
-    """The sine and the versine of an angle."""
-    return theta.sine_versine() if isinstance(theta, Symbolic) else sine_versine(theta)
 
 
 class CaseBlend(NamedTuple):
@@ -127,18 +116,24 @@ class ContactKinematics(NamedTuple):
     turn_rounding: Scalar  # bound of the rounding error of theta_1 - theta_2
 
 
+Kinematics = ContactKinematics | FaceKinematics
+AtPoint = Kinematics | PointKinematics  # of a corner, or of one of several points
+
+
 def _corner_shift(px: Scalar, py: Scalar, s: Scalar, versine: Scalar) -> tuple[Scalar, Scalar]:
     """The displacement of a corner by a clockwise rotation, without cancellation of the much larger positions."""
     return py * s - px * versine, -px * s - py * versine
 
 
-def contact_kinematics(q: Pose, case: Case, block: Corners, reading: frozenset[str]) -> ContactKinematics:
+def contact_kinematics(q: Pose, case: Case, block: Corners, reading: frozenset[str]) -> Kinematics:
     """The penetration, the slide and the contact points while the `case` is fixed.
 
     Source:
         Eqs. (3)-(6) as exact rotations. The printed gap functions (7), (11), (15), (18) have `+ d_y cos A`, which
         contradicts the force directions of Eq. (1); it is kept under the misprint `gap_sign`.
     """
+    if block.points:
+        return face_kinematics(q, block)
     upper = is_upper(case)
     p_y = blended(upper, block.h_y, -block.h_y)
     left_x = blended(upper, block.a_x, block.b_x)
@@ -165,15 +160,9 @@ def contact_kinematics(q: Pose, case: Case, block: Corners, reading: frozenset[s
         corner_y=(p_y + dl_y, p_y + dr_y),
         offset=(e_x, d_y),
         sin_A2=block.sin_alpha * q.cos[1] - block.cos_alpha * q.sin[1],
-        rounding=_rounding(terms),
-        turn_rounding=_rounding(q.theta),
+        rounding=rounding_of_sum(terms),
+        turn_rounding=rounding_of_sum(q.theta),
     )
-
-
-def _rounding(terms: tuple[Scalar, ...]) -> Scalar:
-    """Four roundings of every term of a sum."""
-    size = reduce(plus, map(abs, terms))
-    return size if is_zero(size) else 4 * float(jnp.finfo(size.dtype).eps) * size
 
 
 class ContactRates(NamedTuple):
@@ -185,11 +174,15 @@ class ContactRates(NamedTuple):
     turn: Scalar
 
 
-def contact_rates(at: ContactKinematics, z: Motion, case: Case, reading: frozenset[str]) -> ContactRates:
+Rates = ContactRates | FaceRates
+RatesAtPoint = Rates | PointRates
+
+
+def contact_rates(at: Kinematics, z: Motion, case: Case, reading: frozenset[str]) -> Rates:
     """The time derivatives of the scalars of `at` along the motion while the case is fixed.
 
     The offset e moves with the corners' velocities, and the axes n, t turn with the face: A' = -theta_f'. Hence
-    v' = e'.n - theta_f' u and u' = e'.t + theta_f' v.
+    v' = e'.n - theta_f' u and u' = e'.t + theta_f' v. Those of faces of points turn with the mean of both blocks.
     """
     if isinstance(at.v, Symbolic):
         return ContactRates(rate_of(at.v), rate_of(at.u), rate_of(at.height), rate_of(at.turn))
@@ -199,6 +192,8 @@ def contact_rates(at: ContactKinematics, z: Motion, case: Case, reading: frozens
     d_y = (z.v_y[0] - z.v_y[1]) - w[0] * l_x + w[1] * r_x
     sin_A, cos_A = at.tangent[1], at.tangent[0]
     lean = -d_y if "gap_sign" in reading else d_y
+    if isinstance(at, FaceKinematics):
+        return face_rates(at, z, e_x, d_y)
     w_face = blended(tip_is_left(case), w[1], w[0])
     return ContactRates(
         v=e_x * sin_A - lean * cos_A - w_face * at.u,

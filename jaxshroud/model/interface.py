@@ -4,8 +4,18 @@ from typing import NamedTuple
 
 from jaxshroud.model.arithmetic import ZERO, Scalar, where
 from jaxshroud.model.contact import Load
-from jaxshroud.model.contact_law import ContactPoint, LawForces
-from jaxshroud.model.geometry import Case, ContactKinematics, Pose, contact_kinematics, is_upper, pose, tip_is_left
+from jaxshroud.model.contact_law import ContactPoint, Forces
+from jaxshroud.model.face_points import FaceKinematics
+from jaxshroud.model.geometry import (
+    Case,
+    Kinematics,
+    Pose,
+    contact_kinematics,
+    contact_rates,
+    is_upper,
+    pose,
+    tip_is_left,
+)
 from jaxshroud.model.prepared import Model, State, has_torsion
 from jaxshroud.scene.keys import Motion
 
@@ -13,16 +23,17 @@ from jaxshroud.scene.keys import Motion
 class LoadedContact(NamedTuple):
     """The forces of contact, and what they are to the blocks."""
 
-    forces: LawForces
+    forces: Forces
     load: Load
 
 
-def contact_point(at: ContactKinematics, z: Motion, state: State, case: Case, model: Model) -> ContactPoint:
+def contact_point(at: Kinematics, z: Motion, state: State, case: Case, model: Model) -> ContactPoint:
     """The point of contact at the motion `z`, in the mode and with the slider of `state`."""
-    return ContactPoint(at, z, case, state.u_s, state.mode, model.reading)
+    rates = contact_rates(at, z, case, model.reading) if isinstance(at, FaceKinematics) else None
+    return ContactPoint(at, z, case, state.u_s, state.mode, model.reading, rates)
 
 
-def law_forces(at: ContactKinematics, z: Motion, state: State, case: Case, model: Model) -> LawForces:
+def law_forces(at: Kinematics, z: Motion, state: State, case: Case, model: Model) -> Forces:
     """The forces of the model's law at the motion `z` in the mode of `state`."""
     return model.law.forces(contact_point(at, z, state, case, model))
 
@@ -32,7 +43,7 @@ class Placement(NamedTuple):
 
     pose: Pose
     case: Case
-    at: ContactKinematics
+    at: Kinematics
     loaded: LoadedContact
 
 
@@ -46,7 +57,7 @@ def placement(now: State, model: Model) -> Placement:
     return Placement(q, case, at, loaded_contact(at, z, now, case, model))
 
 
-def loaded_contact(at: ContactKinematics, z: Motion, state: State, case: Case, model: Model) -> LoadedContact:
+def loaded_contact(at: Kinematics, z: Motion, state: State, case: Case, model: Model) -> LoadedContact:
     """The forces of contact and their load in the mode of `state`."""
     point = contact_point(at, z, state, case, model)
     forces = model.law.forces(point)
@@ -64,9 +75,7 @@ class EndTorques(NamedTuple):
     upper: Scalar  # of contact at corner a or c [N m]
 
 
-def torques_along_face(
-    torque: Scalar, forces: LawForces, at: ContactKinematics, state: State, model: Model
-) -> EndTorques:
+def torques_along_face(torque: Scalar, forces: Forces, at: Kinematics, state: State, model: Model) -> EndTorques:
     """`end_torques` from the `torque` with contact at the corner of the current case."""
     along, corner = forces.N * model.block.l_ab, model.law.shift_torque(at, forces, state.mode)
     shift = where(is_upper(state.case), along, ZERO) - where(tip_is_left(state.case), corner, ZERO)

@@ -73,7 +73,7 @@ def check_laws(scene: Scene) -> None:
     """
     require_capability("`check_laws`", scene.layout)
     laws = scene.laws
-    if laws is None:
+    if not isinstance(laws, Laws):
         raise InputError("This scene has no own laws; see js.with_laws.")
     size, omega = jnp.abs(scene.shroud.gap) + 1e-9, scene.drive.omega
     zero = jnp.zeros_like(omega)

@@ -9,18 +9,18 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Complex, Float
 
-from jaxshroud.model.arithmetic import Scalar, sincos_turns, summed
+from jaxshroud.model.arithmetic import Scalar, sincos_turns, sine_versine, summed
 from jaxshroud.model.blade import inverse_of, matrix_rows, times_vector
 from jaxshroud.model.drive import multiple_angle
 from jaxshroud.model.geometry import gyration
-from jaxshroud.scene.drive import DriveHarmonic
+from jaxshroud.scene.drive import DriveHarmonic, MeanLoad
 from jaxshroud.scene.fields import PerBlade
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene, Shroud
 from jaxshroud.scene.typed import typed
 
-SWING_POINTS = 128  # points over one drive period: exact to rounding while the torsion amplitude is below 50 rad
+SWING_POINTS = 128  # over a period of the highest harmonic: exact to rounding while torsion is below 50 rad
 RESONANCE_ROUNDINGS = 4  # rounding units between k and m omega^2 that count as none
 
 
@@ -37,11 +37,50 @@ def steady_amplitudes(scene: Scene) -> dict[int, Amplitudes]:
 
     It is infinite at an undamped natural frequency, where rounding alone tells both frequencies apart.
     """
+    return {n: _response_to(scene, n, one) for n, one in scene.drive.harmonics().items()}
+
+
+class StaticPosition(NamedTuple):
+    """Where the mean loads hold the free blades, which is what power is measured from: a number for each blade."""
+
+    x: Any  # [m]
+    y: Any  # [m]
+    sin: Any  # of theta, as the next
+    versine: Any
+
+
+def static_position(scene: Scene) -> StaticPosition | None:
+    """The static position of the free blades under the mean loads; None where the drive has none."""
+    load = scene.drive.harmonics().get(0)
+    if load is None:
+        return None
+    x, y, theta = (jnp.imag(a) for a in _response_to(scene, 0, load))
+    return StaticPosition(x, y, *sine_versine(theta))
+
+
+def about_static(means: Any, at: StaticPosition | None) -> Any:
+    """Means of x, y, sin(theta) and 1 - cos(theta) as seen from a static position; as they are without one."""
+    if at is None:
+        return means
+    X, Y, S, V = means
+    return X - at.x, Y - at.y, S - S * at.versine - (1 - V) * at.sin, V + at.versine - V * at.versine - S * at.sin
+
+
+def means_from_static(scene: Scene, means: Any) -> Any:
+    """Means (4, blades) of x, y, sin(theta) and 1 - cos(theta) of the first blades, from their static position."""
+    at = static_position(scene)
+    if at is None:
+        return means
+    return jnp.stack(about_static(means, StaticPosition(*(a[: means.shape[-1]] for a in at))))
+
+
+def _response_to(scene: Scene, order: int, load: DriveHarmonic | MeanLoad) -> Amplitudes:
+    """The steady response of the free blades to one harmonic."""
     response = _steady_response if scene.blade_matrices is None else _elastic_response
-    return {n: response(scene, scene.drive.frequency(n), one) for n, one in scene.drive.harmonics().items()}
+    return response(scene, scene.drive.frequency(order), load)
 
 
-def _elastic_response(scene: Scene, omega: Scalar, drive: DriveHarmonic) -> Amplitudes:
+def _elastic_response(scene: Scene, omega: Scalar, drive: DriveHarmonic | MeanLoad) -> Amplitudes:
     """The response of the shrouds of elastic blades."""
     assert scene.blade_matrices is not None
     mass, damping, stiffness, shroud = map(matrix_rows, scene.blade_matrices)
@@ -61,7 +100,7 @@ def _elastic_response(scene: Scene, omega: Scalar, drive: DriveHarmonic) -> Ampl
     return Amplitudes(*(a * moves for a, moves in zip(found, moving, strict=True)))
 
 
-def _steady_response(scene: Scene, omega: Scalar, drive: DriveHarmonic) -> Amplitudes:
+def _steady_response(scene: Scene, omega: Scalar, drive: DriveHarmonic | MeanLoad) -> Amplitudes:
     b, has = scene.mistuned_blades, scene.parts.has
     moves = lambda name: has(name, 0) if scene.row is not None else jnp.array([has(name, 0), has(name, 1)])
 
@@ -97,28 +136,22 @@ def free_power(scene: Scene) -> PerBlade:
     """The vibration power without contact, P_0 of Eq. (23), in closed form [m^4].
 
     Source:
-        Over a centrally symmetric block P_0 = A <x^2 + y^2> + 4 J_A <sin^2(theta/2)>; the mean of
-        sin^2(Theta sin(tau) / 2) is (1 - J_0(Theta)) / 2, here by the trapezoidal rule, which is exact to rounding.
+        About the static position, over a centrally symmetric block, P_0 = A <x^2 + y^2> + 4 J_A <sin^2(theta/2)>; the
+        mean of sin^2(Theta sin(tau) / 2) is (1 - J_0(Theta)) / 2, here by the trapezoidal rule, exact to rounding.
     """
-    free, s = steady_amplitudes(scene), scene.shroud
-    tau = jnp.linspace(0, 2 * jnp.pi, SWING_POINTS, endpoint=False, dtype=s.gap.dtype)
+    free, s = {n: one for n, one in steady_amplitudes(scene).items() if n > 0}, scene.shroud
+    points = SWING_POINTS * (1 if len(free) == 1 else max(free))
+    tau = jnp.linspace(0, 2 * jnp.pi, points, endpoint=False, dtype=s.gap.dtype)
     angle = free_reach(free, "theta")
     swing = jnp.sin(_free_angles(free, angle, tau) / 2) ** 2
-    translation = summed(_mean_square(n, one) for n, one in free.items())
+    translation = summed((jnp.abs(one.x) ** 2 + jnp.abs(one.y) ** 2) / 2 for one in free.values())
     return area(s) * (translation + jnp.where(jnp.isinf(angle), jnp.inf, 4 * gyration(s) * jnp.mean(swing, axis=1)))
-
-
-def _mean_square(n: int, free: Amplitudes) -> PerBlade:
-    """The mean square of the translation of the free blades in harmonic `n`; harmonic 0 is constant."""
-    if n == 0:
-        return free.x.imag**2 + free.y.imag**2
-    return (jnp.abs(free.x) ** 2 + jnp.abs(free.y) ** 2) / 2
 
 
 def _free_angles(free: dict[int, Amplitudes], largest: PerBlade, tau: Float[Array, " n"]) -> Float[Array, "blades n"]:
     """The angles of the free blades over a period, up to a shift of time; 0 where the `largest` is infinite."""
     is_infinite = jnp.isinf(largest)
-    if len(free) == 1 and 0 not in free:
+    if len(free) == 1:
         return jnp.where(is_infinite, 0.0, largest)[:, None] * jnp.sin(tau)[None]
     finite = {n: jnp.where(is_infinite, 0.0, one.theta)[:, None] for n, one in free.items()}
     return summed(a.real * jnp.sin(n * tau)[None] + a.imag * jnp.cos(n * tau)[None] for n, a in finite.items())
@@ -185,11 +218,14 @@ def decay_factors(swing: FreeOscillation, t: Float[Array, "..."]) -> tuple[Float
     return even, jnp.where(omega > 0, odd, fade * t)
 
 
-def free_components(scene: Scene, first: Motion, turns: Scalar) -> Float[Array, "2 3 components"]:
+def free_components(
+    scene: Scene, first: Motion, turns: Scalar, *, from_static: bool = False
+) -> Float[Array, "2 3 components"]:
     """The deviation, its rate and the steady response of each coordinate, at the motion `first` and phase `turns`.
 
     The axes are the blades; x, y and theta; and the deviation, its rate, and of each harmonic the real and the
-    imaginary amplitude, on which the `free_propagators` act.
+    imaginary amplitude, on which the `free_propagators` act. With `from_static` the displacement that these give is
+    that from the static position under the mean loads.
     """
     swing, drive = free_oscillations(scene), scene.drive
     moves = jnp.array([[scene.parts.has(name, i) for name in ("x", "y", "theta")] for i in (0, 1)])
@@ -200,7 +236,7 @@ def free_components(scene: Scene, first: Motion, turns: Scalar) -> Float[Array, 
         (s, c), (re, im) = multiple_angle(*phase, n), (steady.real, steady.imag)
         re, im = re * c - im * s, re * s + im * c  # the amplitude with its phase measured from there
         deviation, rate = deviation - im, rate - drive.frequency(n) * re
-        components += [re, im]
+        components += [0 * re, 0 * im] if from_static and n == 0 else [re, im]
     return jnp.stack([deviation, rate, *components], axis=-1)
 
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.drive import DriveHarmonic
+from jaxshroud.scene.drive import DriveHarmonic, MeanLoad
 from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
@@ -75,11 +75,11 @@ def _at_interface(gradient: Any, j: int, count: int) -> Any:
 
 
 def drive_loads(scene: Scene) -> dict[int, tuple[Any, Any]]:
-    """The in-phase and the quadrature amplitude (3 N,) of the forces and moments, as in Eq. (1), of each harmonic."""
-    return {n: _load(one) for n, one in scene.drive.harmonics().items()}
+    """The in-phase and the quadrature amplitude (3 N,) of the forces and moments, as in Eq. (1), by order n > 0."""
+    return {n: _load(one) for n, one in scene.drive.harmonics().items() if n > 0}
 
 
-def _load(drive: DriveHarmonic) -> tuple[Any, Any]:
+def _load(drive: DriveHarmonic | MeanLoad) -> tuple[Any, Any]:
     size = jnp.concatenate([drive.F_x, drive.F_y, drive.M_0])
     return size * jnp.tile(jnp.cos(drive.phase), 3), size * jnp.tile(jnp.sin(drive.phase), 3)
 

@@ -1,5 +1,6 @@
 """A scene prepared for stepping, with all that can be computed once per lane, and the state that it steps."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -11,12 +12,14 @@ from jaxshroud.model.blade import InverseMasses, LumpedBlade, lumped_blades
 from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.drive import Excitation, excitation
 from jaxshroud.model.geometry import Corners, corners, gyration
-from jaxshroud.model.linear import free_reach, steady_amplitudes
+from jaxshroud.model.linear import StaticPosition, free_reach, static_position, steady_amplitudes
+from jaxshroud.model.points_contact import PointsContact
 from jaxshroud.model.smooth_contact import SmoothContact
 from jaxshroud.model.spring_contact import BilinearContact, NoContact, SpringContact
 from jaxshroud.model.user_contact import UserContact
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import Parts
+from jaxshroud.scene.laws import Laws
+from jaxshroud.scene.layout import ContactPart, Parts
 from jaxshroud.scene.scene import Scene
 
 
@@ -60,6 +63,7 @@ class Model(eqx.Module):
     drive: Excitation
     gyration: Scalar  # J_A / A [m^2]
     mobility: Mobility
+    static: StaticPosition | None  # from which power is measured; None: from rest
     reading: frozenset[str] = eqx.field(static=True)
     parts: Parts = eqx.field(static=True)
 
@@ -67,9 +71,10 @@ class Model(eqx.Module):
 def prepared_model(scene: Scene) -> Model:
     """The constants of a scene."""
     s, drive, reading = scene.shroud, excitation(scene.drive), scene.contact.reading
-    block, law, size = corners(s, reading), prepared_law(scene), gyration(s)
+    block, law, size = corners(s, reading, scene.contact.points), prepared_law(scene), gyration(s)
     blades, block, drive, size = as_pairs((lumped_blades(scene.blades), block, drive, size))
-    return Model(blades, block, law, drive, size, _mobility(scene), reading, scene.parts)
+    static = as_pairs(static_position(scene))
+    return Model(blades, block, law, drive, size, _mobility(scene), static, reading, scene.parts)
 
 
 def _mobility(scene: Scene) -> Mobility:
@@ -80,18 +85,69 @@ def _mobility(scene: Scene) -> Mobility:
     return Mobility(InverseMasses(of("x", b.m), of("y", b.inertia_y), of("theta", b.I)), share, joint)
 
 
+def _spring_contact(scene: Scene) -> ContactLaw:
+    k, rubs, points = scene.k, scene.parts.friction != "none", scene.contact.points
+    if points is not None:
+        shares = tuple(points.shares[m] for m in range(points.number))
+        element = _friction_element(k, scene) if rubs else None
+        return PointsContact(tuple(_spring_of_share(share, k, element) for share in shares), shares)
+    return BilinearContact(k, *_friction_element(k, scene)) if rubs else SpringContact(k)
+
+
+def _spring_of_share(share: Scalar, k: Scalar, element: tuple[Scalar, Scalar, Scalar] | None) -> ContactLaw:
+    """The law of a point with a share of the stiffnesses; the lag is that of the whole."""
+    if element is None:
+        return SpringContact(share * k)
+    k_d, mu, lag = element
+    return BilinearContact(share * k, share * k_d, mu, lag)
+
+
+def _kind_of_spring_contact(scene: Scene) -> type[ContactLaw]:
+    return SpringContact if scene.contact.points is None else PointsContact
+
+
+def _smooth_contact(scene: Scene) -> ContactLaw:
+    k, width, element = scene.k, scene.contact.width, (ZERO, ZERO, ZERO)
+    assert width is not None  # which scenes with smooth contact have
+    haste = _free_speed(scene) / width
+    element = element if scene.parts.friction == "none" else _friction_element(k, scene)
+    return SmoothContact(k, *element, width, haste)
+
+
+def _own_contact(scene: Scene) -> ContactLaw:
+    if isinstance(scene.laws, Laws):
+        return UserContact(scene.k, scene.friction.k_d, scene.laws)
+    assert isinstance(scene.laws, ContactLaw)
+    return scene.laws
+
+
+def _kind_of_own_contact(scene: Scene) -> type[ContactLaw]:
+    return type(scene.laws) if isinstance(scene.laws, ContactLaw) else UserContact
+
+
+class LawOfPart(NamedTuple):
+    """The law of contact of the scenes with one `Parts.contact`."""
+
+    made: Callable[[Scene], ContactLaw]
+    kind: Callable[[Scene], type[ContactLaw]]  # which tells what it can do
+
+
+LAWS: dict[ContactPart, LawOfPart] = {
+    "none": LawOfPart(lambda _: NoContact(), lambda _: NoContact),
+    "spring": LawOfPart(_spring_contact, _kind_of_spring_contact),
+    "smooth": LawOfPart(_smooth_contact, lambda _: SmoothContact),
+    "own": LawOfPart(_own_contact, _kind_of_own_contact),
+}
+
+
 def prepared_law(scene: Scene) -> ContactLaw:
     """The law of contact of a scene."""
-    k, width = scene.k, scene.contact.width
-    if scene.parts.contact == "none":
-        return NoContact()
-    if scene.laws is not None:
-        return UserContact(k, scene.friction.k_d, scene.laws)
-    haste = ZERO if width is None else _free_speed(scene) / width
-    friction = None if scene.parts.friction == "none" else _friction_element(k, scene)
-    if width is not None:
-        return SmoothContact(k, *(friction or (ZERO, ZERO, ZERO)), width, haste)
-    return SpringContact(k) if friction is None else BilinearContact(k, *friction)
+    return LAWS[scene.parts.contact].made(scene)
+
+
+def law_type(scene: Scene) -> type[ContactLaw]:
+    """The kind of the law of contact of a scene, or of many: a class that tells what the law can do."""
+    return LAWS[scene.parts.contact].kind(scene)
 
 
 def _friction_element(k: Scalar, scene: Scene) -> tuple[Scalar, Scalar, Scalar]:
@@ -112,3 +168,8 @@ def _free_speed(scene: Scene) -> Scalar:
 def has_torsion(model: Model) -> bool:
     """Whether the blocks can turn."""
     return "theta" in model.parts.motion
+
+
+def touches_at_corners(model: Model) -> bool:
+    """Whether the blocks can turn and touch at a corner: contact moves from one to another, or may be flat."""
+    return has_torsion(model) and not model.law.has_points

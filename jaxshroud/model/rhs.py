@@ -9,7 +9,7 @@ from jaxshroud.model.blade import Acceleration, AnyBlade, BladeForces
 from jaxshroud.model.contact import Load
 from jaxshroud.model.contact_law import ContactLoads, Slider
 from jaxshroud.model.drive import Excitation, Wave, Waves
-from jaxshroud.model.geometry import ContactKinematics, Pose
+from jaxshroud.model.geometry import Kinematics, Pose
 from jaxshroud.model.interface import (
     EndTorques,
     LoadedContact,
@@ -19,8 +19,9 @@ from jaxshroud.model.interface import (
     placement,
     torques_along_face,
 )
+from jaxshroud.model.linear import StaticPosition, about_static
 from jaxshroud.model.modes import FLAT
-from jaxshroud.model.prepared import Model, State, has_torsion
+from jaxshroud.model.prepared import Model, State, touches_at_corners
 from jaxshroud.scene.keys import Motion
 
 
@@ -85,37 +86,46 @@ def parallel_mean(pair: Pair, model: Model) -> Pair:
     return mean, pair[1] if is_zero(pair[1]) else mean
 
 
-def end_torques(z: Motion, Q: Waves, at: ContactKinematics, state: State, model: Model) -> EndTorques:
+def end_torques(z: Motion, Q: Waves, at: Kinematics, state: State, model: Model) -> EndTorques:
     """The torques at both ends of the overlap, from that at the corner of the current case.
 
     Shifting the resultant -N n - F t by s t + r n changes the torque by F r - N s. From d, the corner b is at
     u t + v n, c is at l_ab t, and a is at the sum of both; the overlap ends at d and a, or at b and c.
     """
-    if not has_torsion(model):
+    if not touches_at_corners(model):
         return EndTorques(ZERO, ZERO)
     return end_torques_under(loaded_contact(at, z, state, state.case, model), z, Q, at, state, model)
 
 
 def end_torques_under(
-    loaded: LoadedContact, z: Motion, Q: Waves, at: ContactKinematics, state: State, model: Model
+    loaded: LoadedContact, z: Motion, Q: Waves, at: Kinematics, state: State, model: Model
 ) -> EndTorques:
     """`end_torques` of blocks that turn where the forces are known already."""
     left, right = accelerations(z, Q, loaded.load, model).theta
     return torques_along_face(model.mobility.joint * (left - right), loaded.forces, at, state, model)
 
 
-def blade_mean_square(x: Scalar, y: Scalar, versine: Scalar, gyration: Scalar) -> Scalar:
+def blade_mean_square(
+    x: Scalar, y: Scalar, sine: Scalar, versine: Scalar, gyration: Scalar, static: StaticPosition | None
+) -> Scalar:
     """The square displacement averaged over a block: x^2 + y^2 + 4 (J_A/A) sin^2(theta/2) [m^2].
+
+    With mean loads it is that from the static position of this blade.
 
     Source:
         Eqs. (22), (23): over a centrally symmetric block the cross terms vanish, so no area quadrature is needed.
     """
+    if static is not None:
+        x, y = (a if is_zero(a) else a - at for a, at in ((x, static.x), (y, static.y)))
+        if not is_zero(versine):
+            versine = about_static((x, y, sine, versine), static)[3]
     return x**2 + y**2 + gyration * 2 * versine
 
 
-def mean_square(q: Pose, gyration: Scalar) -> Pair:
+def mean_square(q: Pose, gyration: Scalar, static: StaticPosition | None) -> Pair:
     """`blade_mean_square` of both blocks."""
-    left, right = (blade_mean_square(q.x[i], q.y[i], q.versine[i], gyration) for i in (0, 1))
+    of = lambda i: (q.x[i], q.y[i], q.sin[i], q.versine[i], gyration, *of_blade(i, static))
+    left, right = (blade_mean_square(*of(i)) for i in (0, 1))
     return left, right
 
 
@@ -187,14 +197,14 @@ def rhs_at(
     ledger = None if contact.lost is None else works(z, Q, contact.lost, model)
     moments = displacement_moments(z) if recorded.moments else None
     a = accelerations(z, Q, contact.load, model)
-    if has_torsion(model) and model.law.has_events:
+    if touches_at_corners(model) and model.law.has_events:
         theta = jax.tree.map(
             lambda mean, own: where(now.case == FLAT, mean, own), parallel_mean(a.theta, model), a.theta
         )
         a = a._replace(theta=theta)
     q = place.pose
     means = left_position(q) if recorded.means else None
-    integrals = Integrals(mean_square(q, model.gyration), ledger, moments, contact.loads, means)
+    integrals = Integrals(mean_square(q, model.gyration, model.static), ledger, moments, contact.loads, means)
     return StateDerivative(a, contact.u_s), integrals
 
 

@@ -28,6 +28,7 @@ from jaxshroud.model.blade import AnyBlade, BladeForces, blades_of_row
 from jaxshroud.model.drive import Excitation, excitation
 from jaxshroud.model.geometry import rotation
 from jaxshroud.model.interface import placement
+from jaxshroud.model.linear import StaticPosition, static_position
 from jaxshroud.model.modes import FLAT
 from jaxshroud.model.prepared import Model, State, prepared_model
 from jaxshroud.model.rhs import (
@@ -59,6 +60,7 @@ class RowModel(eqx.Module):
     drive: Excitation
     inverse: Any  # what multiplies forces to accelerations: `InverseMasses`, or an inverse mass matrix
     gyration: Any  # J_A / A [m^2], one for the row
+    static: StaticPosition | None  # of each blade, from which power is measured; None: from rest
     interfaces: Model  # the pair at each interface
     closed: bool = eqx.field(static=True)
     parts: Parts = eqx.field(static=True)
@@ -71,7 +73,7 @@ class RowModel(eqx.Module):
     @property
     def turns_by_events(self) -> bool:
         """Whether contact moves from corner to corner by events, and may be flat."""
-        return self.turns and self.interfaces.law.has_events
+        return self.turns and self.interfaces.law.has_events and not self.interfaces.law.has_points
 
 
 def prepared_row(scene: Scene) -> RowModel:
@@ -81,7 +83,14 @@ def prepared_row(scene: Scene) -> RowModel:
     pairs = jax.vmap(lambda j: prepared_model(pair_at(scene, j)))(jnp.arange(row.interfaces))
     blades, drive = blades_of_row(scene), excitation(scene.drive)
     return RowModel(
-        blades, drive, blades.inverse_masses(scene.parts), pairs.gyration[0], pairs, row.closed, scene.parts
+        blades,
+        drive,
+        blades.inverse_masses(scene.parts),
+        pairs.gyration[0],
+        static_position(scene),
+        pairs,
+        row.closed,
+        scene.parts,
     )
 
 
@@ -96,11 +105,12 @@ def pair_at(scene: Scene, j: Any) -> Scene:
     return Scene(
         take(scene.blades),
         Shroud(s.alpha, s.l_oa, s.l_ab, s.gap[j]),
-        Contact(scene.k[j], None, width=width),
+        Contact(scene.k[j], None, width=width, points=scene.contact.points),
         Friction(scene.friction.k_d[j], scene.friction.mu[j]),
         scene.drive.of_blades(sides),
         take(scene.initial),
         scene.parts,
+        scene.laws,
     )
 
 
@@ -249,6 +259,7 @@ def blade_rates(
     drive: Excitation,
     inverse: Any,
     gyration: Any,
+    static: StaticPosition | None,
     recorded: Recorded,
 ) -> BladeRates:
     """The rates of one blade; `wave` is (sin, cos) of omega t."""
@@ -256,14 +267,14 @@ def blade_rates(
     acceleration = blade.accelerations(z, Q, drive, R, inverse)
     work, viscous = blade_works(z, Q, blade, drive) if recorded.ledger else (None, None)
     means = blade_positions(shroud) if recorded.means else None
-    power = blade_mean_square(shroud.x, shroud.y, rotation(shroud.theta)[1], gyration)
+    power = blade_mean_square(shroud.x, shroud.y, *rotation(shroud.theta), gyration, static)
     return BladeRates(acceleration, power, work, viscous, means)
 
 
 def rates_of_blades(z: Any, wave: Any, R: BladeForces, model: RowModel, recorded: Recorded, each: Each) -> BladeRates:
     """`blade_rates` of every blade: fields (N, lanes)."""
     rates, gyration = partial(blade_rates, recorded=recorded), model.gyration[None]
-    return over(each, rates, z, wave, R, model.blades, model.drive, model.inverse, gyration)
+    return over(each, rates, z, wave, R, model.blades, model.drive, model.inverse, gyration, model.static)
 
 
 def row_rhs(

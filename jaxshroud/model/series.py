@@ -122,6 +122,11 @@ def rate_of(value: Any) -> Any:
     return value.rate if isinstance(value, Series) else value
 
 
+def of_each(value: Any, f: Callable[[Any], Any]) -> Any:
+    """`f` of a number, or of each coefficient of a series."""
+    return value.of_each(f) if isinstance(value, Series) else f(value)
+
+
 def truncated(value: Any, n: int) -> Any:
     """A series truncated after coefficient `n`."""
     return Series(lambda k: value[k] if k <= n else ZERO) if isinstance(value, Series) else value

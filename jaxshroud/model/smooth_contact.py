@@ -18,6 +18,7 @@ from jaxshroud.model.modes import Mode
 class SmoothContact(ContactLaw):
     """The smooth spring and the smooth friction element; without friction all of `k_d`, `mu` and `lag` are absent."""
 
+    called: ClassVar[str] = "smooth contact"
     has_events: ClassVar[bool] = False
     flows: ClassVar[bool] = True
     is_long: ClassVar[bool] = True

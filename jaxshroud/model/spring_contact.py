@@ -21,7 +21,7 @@ from jaxshroud.model.contact_law import (
     Slider,
     starts_in_overlap,
 )
-from jaxshroud.model.geometry import ContactKinematics, ContactRates, Corners
+from jaxshroud.model.geometry import AtPoint, Corners, Kinematics, Rates, RatesAtPoint
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.series import Series
 
@@ -29,6 +29,9 @@ from jaxshroud.model.series import Series
 class NoContact(LinearLaw):
     """Blocks that pass through each other."""
 
+    called: ClassVar[str] = "no contact"
+    marches_in_rows: ClassVar[bool] = False
+    is_examined: ClassVar[bool] = True
     has_events: ClassVar[bool] = False
 
     @property
@@ -54,6 +57,9 @@ class NoContact(LinearLaw):
 
 class SpringContact(LinearLaw):
     """The normal spring N = k v without friction."""
+
+    called: ClassVar[str] = "located contact"
+    is_examined: ClassVar[bool] = True
 
     k: Scalar  # [N/m]
 
@@ -86,7 +92,7 @@ class SpringContact(LinearLaw):
             return super().load(point, forces, block)
         return sprung_load(point.at, self._engaged_stiffness(point.mode), forces.N, forces.F, point.case, block)
 
-    def shift_torque(self, at: ContactKinematics, forces: LawForces, mode: Modes) -> Scalar:
+    def shift_torque(self, at: Kinematics, forces: LawForces, mode: Modes) -> Scalar:
         """F v - N u, for series with one product."""
         if not isinstance(at.v, Series):
             return super().shift_torque(at, forces, mode)
@@ -164,7 +170,7 @@ class BilinearContact(SpringContact):
         del mode
         return u_s
 
-    def friction_guard(self, at: ContactKinematics, rate: ContactRates, u_s: Slider, mode: Modes) -> FrictionGuard:
+    def friction_guard(self, at: AtPoint, rate: RatesAtPoint, u_s: Slider, mode: Modes) -> FrictionGuard:
         """The guard in stick, abs(w) - mu k v / k_d, or in slip, the speed of the slider against its direction."""
         apart, stick = mode == Mode.APART, mode == Mode.STICK
         w = at.u - u_s
@@ -179,9 +185,7 @@ class BilinearContact(SpringContact):
             where(stick | apart | ~rubs, 0.0, -sigma * (at.u - sigma * self.lag * at.v)),
         )
 
-    def friction_series(
-        self, at: ContactKinematics, rate: ContactRates, u_s: Slider, mode: Modes
-    ) -> tuple[Scalar, Scalar]:
+    def friction_series(self, at: Kinematics, rate: Rates, u_s: Slider, mode: Modes) -> tuple[Scalar, Scalar]:
         """The guards of the friction element by series: one for each direction in stick; slip needs the first only."""
         apart, stick = mode == Mode.APART, mode == Mode.STICK
         w, limit = at.u - u_s, self.lag * at.v + 2 * at.rounding  # stick may begin at its limit
@@ -207,7 +211,7 @@ class BilinearContact(SpringContact):
         del mode
         return where(crossing.mode == Mode.APART, slide_at_onset(crossing), u - w)
 
-    def friction_rate(self, rate: ContactRates, mode: Modes) -> Scalar:
+    def friction_rate(self, rate: RatesAtPoint, mode: Modes) -> Scalar:
         """The rate of the friction force [N/s]."""
         slipping = self.mu * (slip_sign(mode, rate.v.dtype) * self.k * rate.v)
         return where(mode == Mode.STICK, self.k_d * rate.u, slipping)

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool
 
 from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, where
 from jaxshroud.model.contact_law import ContactLaw, ContactPoint, GuardCrossing, LawForces, Modes, Slider
-from jaxshroud.model.geometry import ContactKinematics, ContactRates
+from jaxshroud.model.geometry import AtPoint, RatesAtPoint
 from jaxshroud.model.modes import Mode
 from jaxshroud.scene.laws import Laws
 
@@ -19,6 +19,7 @@ from jaxshroud.scene.laws import Laws
 class UserContact(ContactLaw):
     """User laws of contact and friction, and the largest stiffnesses that their user states for them."""
 
+    marches_in_rows: ClassVar[bool] = False
     flows: ClassVar[bool] = True
     relaxes: ClassVar[bool] = True
     jumps_at_onset: ClassVar[bool] = True
@@ -83,7 +84,7 @@ class UserContact(ContactLaw):
         fits = jnp.shape(u_s) == z.shape
         return jnp.where(mode == Mode.APART, z, u_s) if fits else z
 
-    def lift_guard(self, at: ContactKinematics, rate: ContactRates, apart: Bool[Array, ""]) -> tuple[Scalar, Scalar]:
+    def lift_guard(self, at: AtPoint, rate: RatesAtPoint, apart: Bool[Array, ""]) -> tuple[Scalar, Scalar]:
         """That of `ContactLaw`; in contact the normal law must push as well."""
         push = self.laws.push(jnp.maximum(at.v, 0.0), rate.v) / self.k  # a length, as v is
         sign = where((at.v > 0) & (push <= 0), -1.0, 1.0)  # apart although the corners overlap

@@ -20,7 +20,7 @@ from jaxshroud.batch.tangents import TangentProblem, direction
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.cache.programs import kept
 from jaxshroud.model.geometry import gyration
-from jaxshroud.model.linear import area, free_power, power_reduction, vibration_square
+from jaxshroud.model.linear import area, free_power, means_from_static, power_reduction, vibration_square
 from jaxshroud.model.modes import Status
 from jaxshroud.orbits.amplitude_slopes import AmplitudeSlope, amplitude_slope, largest_level
 from jaxshroud.orbits.batched_algorithms import Algorithm, Derivatives, stacked
@@ -184,6 +184,7 @@ def _quantity(of: Power, scene: Scene, power):
     """
     if of == "P_d_vibration":
         square, means = power
+        means = means_from_static(scene, means)
         of, power = "P_d", vibration_square(square[: means.shape[-1]], means, gyration(scene.shroud))
     counts = scene.layout.counting
     P = area(scene.shroud) * power[counts]

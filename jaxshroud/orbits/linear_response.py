@@ -1,6 +1,6 @@
 """The steady response of a row whose interfaces all stay in one state of contact: linear, and so in closed form.
 
-It is that to the first harmonic of the drive.
+It is that to the only harmonic of the drive.
 """
 
 from types import ModuleType
@@ -58,11 +58,12 @@ def linear_systems(scenes: Scene, contact: NaturalContact, coordinate: int) -> L
     """
 
     def one(scene: Scene) -> LinearSystem:
-        system, omega = linear_contact(scene, touching_gradients(scene)), scene.drive.omega
+        ((order, load),) = drive_loads(scene).items()
+        system, omega = linear_contact(scene, touching_gradients(scene)), scene.drive.frequency(order)
         free = jnp.asarray(free_directions(system.moves, contact), omega.dtype)
         diagonal = lambda numbers: jnp.diag(numbers @ free**2)  # no coordinate is in two directions
         coupling = free.T @ contact_stiffness(system, contact) @ free
-        in_phase, quadrature = drive_loads(scene)[1]
+        in_phase, quadrature = load
         blades = scene.blades.m.shape[-1]
         each = jnp.tile(jnp.eye(blades, dtype=omega.dtype), (3, 1))
         return LinearSystem(

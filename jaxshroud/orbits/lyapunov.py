@@ -19,10 +19,11 @@ from jaxshroud.batch.states import final_states, from_vector, to_vector
 from jaxshroud.batch.tangents import TangentProblem, end_as_start, run_flow
 from jaxshroud.march.method import Choices
 from jaxshroud.model.modes import Mode, Status
-from jaxshroud.model.prepared import State
+from jaxshroud.model.prepared import State, law_type
 from jaxshroud.orbits.batched_algorithms import Algorithm, Derivatives, Periods
 from jaxshroud.orbits.orbit import free_sliders
 from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.laws import Laws
 from jaxshroud.scene.layout import COORDINATES, PAIR
 from jaxshroud.scene.scene import Scene
 from jaxshroud.signals.statistics import confidence_interval
@@ -65,8 +66,11 @@ def state_places(scene: Scene) -> StatePlaces:
     parts, blades = scene.parts, 2
     places = np.arange(6 * blades).reshape(2, len(COORDINATES), blades)
     moves = [[parts.has(name, blade) for blade in range(blades)] for name in COORDINATES]
-    own = scene.laws is not None and scene.laws.friction is not None
-    rubs = own if parts.contact == "own" else parts.contact != "none" and parts.friction == "bilinear"
+    law = law_type(scene)
+    if isinstance(scene.laws, Laws):
+        rubs = scene.laws.friction is not None
+    else:
+        rubs = law.has_stick or (law.flows and parts.friction == "bilinear")
     return StatePlaces(places[:, np.array(moves)].ravel(), np.arange(6 * blades, 6 * blades + rubs))
 
 
@@ -291,7 +295,8 @@ def nearby_growth(
 def _difference(here: State, there: State) -> tuple[Motion, np.ndarray]:
     """The difference of two states; of sliders where both stick or slip alike."""
     motion = jax.tree.map(lambda a, b: np.asarray(b) - np.asarray(a), here.motion, there.motion)
-    alike = (np.asarray(here.mode) == there.mode) & (np.asarray(here.case) == there.case)
+    case, mode = np.asarray(here.case) == there.case, np.asarray(here.mode) == there.mode
+    alike = mode & (case if case.ndim == mode.ndim else case[..., None])  # of several points each
     return motion, np.where(alike, np.asarray(there.u_s) - np.asarray(here.u_s), 0.0)
 
 

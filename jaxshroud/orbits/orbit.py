@@ -13,11 +13,11 @@ from jaxshroud.batch.tangents import Tangents
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import Choices
 from jaxshroud.model.geometry import gyration_of_sides
-from jaxshroud.model.linear import power_reduction, vibration_square
+from jaxshroud.model.linear import StaticPosition, about_static, power_reduction, vibration_square
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State
 from jaxshroud.scene.scene import Scene, without_given
-from jaxshroud.signals.averages import closed_forms
+from jaxshroud.signals.averages import closed_forms, static_positions
 
 # The promised relative errors of derivatives; an orbit for which they cannot be kept is ill conditioned.
 MAX_DERIVATIVE_ERROR = {"float64": 1e-6, "float32": 1e-2}
@@ -113,7 +113,7 @@ def _state_units(scene: Scene) -> np.ndarray:
     lever = np.hypot(float(scene.shroud.l_oa), float(scene.shroud.l_ab)) / 2
     blades = scene.layout.blades
     place = np.repeat([1.0, 1.0, 1 / lever], blades)
-    sliders = np.ones(scene.layout.interfaces)
+    sliders = np.ones(scene.sliders)
     return np.concatenate([place, float(scene.drive.omega) * place, sliders])
 
 
@@ -126,7 +126,7 @@ def free_sliders(scene: Scene, tangents: Tangents) -> np.ndarray:
     """Which sliders are free: up to rounding they end where they started, and nothing else moves them."""
     M = _in_state_units(scene, tangents.by_state)
     largest = FREE_SLIDER_ROUNDINGS * np.finfo(tangents.by_state.dtype).eps * max(1.0, float(np.abs(M).max()))
-    sticks = np.atleast_1d(np.asarray(tangents.end.mode)) == Mode.STICK
+    sticks = np.ravel(tangents.end.mode) == Mode.STICK
     count = len(sticks)
     return sticks & np.all(np.abs(M[-count:] - np.eye(len(M))[-count:]) <= largest, axis=1)
 
@@ -171,7 +171,9 @@ def vibration_reduction(scene: Scene, tangents: Tangents, area: float, P_0: np.n
     if tangents.means is None:
         return float("nan")
     gyration = gyration_of_sides(float(scene.shroud.l_oa), float(scene.shroud.l_ab))
-    square = vibration_square(tangents.power[: tangents.means.shape[-1]], tangents.means, gyration)
+    at = static_positions(repeat_lane(without_given(scene), 1))
+    means = about_static(tangents.means, at and StaticPosition(*(a[0, 0] for a in at)))
+    square = vibration_square(tangents.power[: tangents.means.shape[-1]], means, gyration)
     return reduction_of(scene, area * square, P_0)
 
 
@@ -241,7 +243,7 @@ def no_orbit(
         P_d=float("nan"),
         P_d_vibration=float("nan"),
         residual=float("nan"),
-        multipliers=np.full(scene.layout.state_size, np.nan + 0j),
+        multipliers=np.full(scene.state_size, np.nan + 0j),
         conditioning=float("nan"),
         doubt=float("nan"),
         flags=(flag,),

@@ -141,7 +141,7 @@ def _scales(scene: Scene, samples: np.ndarray) -> np.ndarray:
     place = np.maximum(place, rate / omega_max)
     rate = np.maximum(rate, 2 * np.pi / period * place)
     size = np.concatenate([place, rate])
-    sliders = np.full(scene.layout.interfaces, place[0] or 1.0)
+    sliders = np.full(scene.sliders, place[0] or 1.0)
     return np.append(np.repeat(np.where(size > 0, size, 1.0), blades), sliders)
 
 
@@ -168,14 +168,14 @@ def _shoot(
             break
         step = _shooting_step(tangents.by_state * sizes / sizes[:, None], miss, free)
         z = (z + sizes * step).astype(z.dtype)
-        state = from_vector(z, tangents.end.mode, tangents.end.case, scene.layout)
+        state = from_vector(z, tangents.end.mode, tangents.end.case, scene.layout, scene.points)
     assert best is not None
     return best._replace(updates=updates)
 
 
 def with_determined_sliders(z: np.ndarray, tangents: Tangents, units: np.ndarray | float = 1.0) -> np.ndarray:
     """A start (numbers,) in `units` whose sliders are those at the end of its map, but for sticking ones."""
-    z, sticks = np.copy(z), np.atleast_1d(np.asarray(tangents.end.mode)) == Mode.STICK
+    z, sticks = np.copy(z), np.ravel(tangents.end.mode) == Mode.STICK
     count = len(sticks)
     z[-count:] = np.where(sticks, z[-count:], (tangents.vector / units)[-count:])
     return z
@@ -229,7 +229,7 @@ def nearby_orbits(orbit: PeriodicOrbit, scenes: Scene, *, vibration: bool = Fals
         if not improved.any():
             break
         step = moved_start(orbit.jacobian.by_state, (end - z).T, orbit.free_sliders).T
-        states = from_vector(z + step, flows.state.mode, flows.state.case, scenes.layout)
+        states = from_vector(z + step, flows.state.mode, flows.state.case, scenes.layout, scenes.points)
     closed = smallest <= FOLLOWED_TOLERANCE[orbit.method.precision]
     return NearbyOrbits(starts, np.where(closed[:, None], power, np.nan), means)
 

@@ -68,7 +68,7 @@ def _is_tuned(scene: Scene) -> bool:
     """Whether all blades and all interfaces are alike, but for their phases and their initial motion."""
     plain = without_given(scene)
     alike = lambda a: np.all(np.asarray(a) == np.asarray(a)[..., :1]) if np.ndim(a) else True
-    drive = [(one.beta, one.F_0, one.M_0) for one in plain.drive.harmonics().values()]
+    drive = [(one.F_x, one.F_y, one.M_0) for one in plain.drive.harmonics().values()]
     parts = (plain.mistuned_blades, plain.shroud.gap, plain.k, plain.contact.width, plain.friction, drive)
     return all(bool(alike(a)) for a in jax.tree.leaves(parts))
 

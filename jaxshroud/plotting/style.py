@@ -23,7 +23,7 @@ from jaxshroud.io.files import write
 from jaxshroud.io.scene_numbers import key_label
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.derived_inputs import alternative_keys
-from jaxshroud.scene.keys import ALL_KEYS, parse_key
+from jaxshroud.scene.keys import ALL_KEYS, key_stem, parse_key
 from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.title import CHANGE_SEPARATOR, subject_of
 
@@ -32,7 +32,8 @@ SYMBOL = re.compile(rf"(?<![\w\\])(?:({GREEK}|[A-Za-z])_({GREEK}|\w{{1,2}})|({GR
 UNIT_POWER = re.compile(r"\b([a-z]+)\^(-?\d)\b")
 DECIMAL = re.compile(r"(?<![\w.\\])(\d+(?:\.\d+)?)e([+-]?)0*(\d+)\b")
 FORMULA_END = re.compile(r"(?<!\\)\$")  # either end
-KEY = re.compile(rf"\b((?:{'|'.join(sorted({key.partition('.')[0] for key in ALL_KEYS}))})\.[A-Za-z]\w*(?:\[\d+\])?)")
+ENTRY = r"[A-Za-z]\w*(?:\[\d+\](?:\.\w+(?:\[\d+\])?)?)?"  # of a table of a scene
+KEY = re.compile(rf"\b((?:{'|'.join(sorted({key.partition('.')[0] for key in ALL_KEYS}))})\.{ENTRY})")
 KEY_NAMES = {row.parts[1] for row in ALL_KEYS.values()}
 OVER, AVERAGED_PERIODS, DIAGRAM_QUANTITIES = " over ", "n", ("x_1", "P_d")  # in titles that announce a diagram
 
@@ -137,9 +138,9 @@ def fitting_title(title: str, keys: Iterable[str] = (), shows: Collection[str] =
     Returns:
         The title without values of numbers that are on an axis, and without what the picture does not show.
     """
-    varied = {parse_key(key)[0].parts[1] if key.partition("[")[0] in ALL_KEYS else key for key in keys}
+    varied = {parse_key(key)[0].parts[1] if key_stem(key) in ALL_KEYS else key for key in keys}
     varied |= {{"k": "gamma", "gamma": "k"}.get(name, name) for name in varied}
-    varied |= {other.split(".")[1] for key in keys for other in alternative_keys(key.partition("[")[0])}
+    varied |= {other.split(".")[1] for key in keys for other in alternative_keys(key_stem(key))}
     heading, _, changes = title.partition(CHANGE_SEPARATOR)
     subject, colon, claim = heading.partition(": ")
     is_single_point = bool(varied) and "=" in claim and OVER not in claim
@@ -286,11 +287,12 @@ def quantity(
 
     `names` are those of the blades.
     """
-    stem = key.partition("[")[0]
-    if stem not in QUANTITIES:
+    stem = key_stem(key)
+    if stem not in ALL_KEYS:
         return as_is(f"{key} [{unit}]" if unit else key), 1.0
-    _, _, unit, factor = QUANTITIES[stem]
-    if ALL_KEYS[stem].unit == "m" and appearance.unit in LENGTHS:
+    row = ALL_KEYS[stem]
+    unit, factor = row.shown
+    if row.unit == "m" and appearance.unit in LENGTHS:
         unit, factor = LENGTHS[appearance.unit]
     label = key_label(key, names)
     return f"{label} [{unit}]" if unit else label, float(factor)

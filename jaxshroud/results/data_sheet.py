@@ -51,6 +51,8 @@ class DataSheet(PlainResult):
     slides: tuple[float, ...] = ()  # see `slide` [m]
     gammas: tuple[float, ...] = ()  # k / k_x of the blade left of each interface
     closed: bool = False  # the last blade touches the first
+    static_gaps: tuple[float, ...] = ()  # under mean loads, at each interface, without contact [m]
+    harmonics: tuple[int, ...] = (1,)  # the orders of the drive's harmonics, multiples of its frequency
 
     @property
     def campbell(self) -> "Campbell":

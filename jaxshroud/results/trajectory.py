@@ -40,6 +40,7 @@ CONTACT_POINT = (
     "where contact acts, up the left block's face from its middle; of flat contact the resultant; NaN when apart"
 )
 OF_CONTACT = ("time", "interface")  # the dimensions of what is told of contact
+OF_POINTS = (*OF_CONTACT, "point")  # of what is told of each point of contact, from the lower end of the face up
 
 
 class RunEvents(Variable["Trajectory | None"]):
@@ -92,6 +93,11 @@ class Trajectory(WithAmplitudes, Result):
     v = Variable("penetration at the corner in contact; when apart, negative: the gap left there", "m", OF_CONTACT)
     u = Variable("slide of the left block against the right one, up the face", "m", OF_CONTACT)
     contact_point = Variable(CONTACT_POINT, "m", OF_CONTACT)
+    point_mode = Variable("contact mode of each point", None, OF_POINTS, stored=np.int8, kind=np.int32, more=MODES)
+    point_u_s = Variable("slider of each point; NaN when apart", "m", OF_POINTS)
+    point_v = Variable("penetration at each point; when apart, negative: the gap left there", "m", OF_POINTS)
+    point_N = Variable("normal force at each point; 0 when apart", "N", OF_POINTS)
+    point_F = Variable("friction force at each point; 0 when apart", "N", OF_POINTS)
     events = RunEvents("states on both sides of every event, the earlier one first; None where they were not kept")
     status = Variable("how the run ended", alone=True, kind=int, more=FLAGS)
     counters = CountsVariable("events", prefix="count_", dims=("interface",))
@@ -128,8 +134,9 @@ class Trajectory(WithAmplitudes, Result):
         from jaxshroud.model.prepared import State
 
         end = type(self)(self.data.isel(time=-1))
-        u_s = np.where(end.mode == Mode.APART, 0, end.u_s).astype(end.u_s.dtype)
-        return State(end.motion, u_s, end.mode, end.case)
+        mode, slider = (end.mode, end.u_s) if end.point_mode is None else (end.point_mode, end.point_u_s)
+        u_s = np.where(mode == Mode.APART, 0, slider).astype(slider.dtype)
+        return State(end.motion, u_s, mode, end.case)
 
     @property
     def closed(self) -> bool:

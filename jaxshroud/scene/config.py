@@ -15,6 +15,7 @@ from pydantic import TypeAdapter, ValidationError
 from jaxshroud.scene.checks import SceneError, did_you_mean, hint
 from jaxshroud.scene.derived_inputs import BLOCK, DerivedInput, check_order, inputs_by_key, inputs_in
 from jaxshroud.scene.file import Axis, SceneFile, table_values
+from jaxshroud.scene.harmonics import flattened, resolve_orders
 from jaxshroud.scene.keys import ALL_KEYS, KEYS, Key, key_in
 from jaxshroud.scene.layout import PAIR, Layout, layout_with
 from jaxshroud.scene.messages import fail, first_problem, problem_text, toml_text
@@ -168,7 +169,9 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> SceneFile:
 
 def _document(text: str, name: str) -> dict[str, Any]:
     try:
-        return tomllib.loads(text)
+        return flattened(tomllib.loads(text), name)
+    except SceneError:
+        raise
     except (ValueError, RecursionError) as error:  # not only TOMLDecodeError: a number of 5,000 digits
         fail(name, f"not valid TOML: {error}")
 
@@ -180,8 +183,9 @@ def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str]) -
     overridden = {override(document, text) for text in of_row_first}
     row = _validated(ROW_TYPE, document, name, overridden).row
     layout = layout_with(row)
+    harmonics = resolve_orders(document, name, overridden)
     given = resolve_derived_inputs(document, name, overridden, layout)
-    file = _validated(scene_file_type(layout), document, name, overridden)
+    file = _validated(scene_file_type(layout, harmonics), document, name, overridden)
     physics = {table: getattr(file, table) for table in ("row", *PHYSICS_TABLES)}
     tables = {table: table_values(of_file) for table, of_file in physics.items() if of_file is not None}
     loaded = SceneFile(name, file.title, tables, file.run, given=given)

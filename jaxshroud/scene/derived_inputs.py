@@ -224,7 +224,7 @@ def in_tables(numbers: Mapping[str, Any], given: Mapping[str, Any], layout: Layo
     """Values by table and name, as a scene is given, from its numbers and its inputs."""
     tables: dict[str, dict[str, Any]] = {key.partition(".")[0]: {} for key in numbers}
     for key, value in in_given_form(numbers, given, layout).items():
-        table, name = key.split(".")
+        table, _, name = key.partition(".")
         tables[table][name] = BLOCK if value is None else value
     return tables
 

@@ -8,18 +8,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxshroud.scene.checks import MAX_VALUES, SceneError
-from jaxshroud.scene.derived_inputs import check_known, same_quantity
+from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, check_known, same_quantity
 from jaxshroud.scene.grids import columns_of, scenes_at
-from jaxshroud.scene.keys import ALL_KEYS, Key, Motion, find_key
+from jaxshroud.scene.keys import ALL_KEYS, Key, Motion, find_key, key_stem
 from jaxshroud.scene.messages import toml_text
+from jaxshroud.scene.optional import require_number
 from jaxshroud.scene.overrides import check_is_no_speed
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import short_repr
 from jaxshroud.scene.units import QUANTITY, to_si
-from jaxshroud.scene.vary import inputs_of
+from jaxshroud.scene.vary import fields_of, inputs_of
 
-HEAD = re.compile(r"(?P<key>[^\s\[\]]+(?:\[\d+\])?)\s*(?:\[(?P<unit>[^\[\]]*)\])?")
-KEY_LIKE = re.compile(r"[A-Za-z_]+\.\w+(\[\w*\])?")
+HEAD = re.compile(r"(?P<key>[^\s\[\]]+(?:\[\d+\](?:\.\w+(?:\[\d+\])?)?)?)\s*(?:\[(?P<unit>[^\[\]]*)\])?")
+KEY_LIKE = re.compile(r"[A-Za-z_]+\.\w+(\[\w*\])?(\.\w+(\[\w*\])?)?")
 LAST_PARTS = {row.parts[1] for row in ALL_KEYS.values()}
 NO_UNIT = ("", "1", "-")
 
@@ -131,9 +132,9 @@ def _engine_order(scene: Scene) -> Any:
 def _full_head(head: str, column: Any) -> str:
     """The head with the unit that a variable of xarray has as attribute, in place of none."""
     unit, match = getattr(column, "attrs", {}).get("units"), HEAD.fullmatch(head)
-    if not unit or match is None or match["unit"] is not None or match["key"].partition("[")[0] not in ALL_KEYS:
+    if not unit or match is None or match["unit"] is not None or key_stem(match["key"]) not in ALL_KEYS:
         return head
-    key = ALL_KEYS[match["key"].partition("[")[0]]
+    key = ALL_KEYS[key_stem(match["key"])]
     return head if unit == key.netcdf else f"{head} [{unit}]"
 
 
@@ -179,6 +180,8 @@ def _key_column(head: str, scene: Scene) -> KeyColumn | None:
     where = f"column {toml_text(head)}"
     row, _ = find_key(name, where, scene.layout)
     check_known(name, inputs_of(scene), where, scene.layout)
+    if row.name not in DERIVED_BY_KEY:
+        require_number(row.name, fields_of(scene), where)
     unit = (match["unit"] or "").strip() if match else ""
     if unit in NO_UNIT:
         return KeyColumn(head, name, row, "")

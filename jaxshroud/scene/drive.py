@@ -1,14 +1,19 @@
 """The drive of a scene: its frequency, and its force and moment on each blade by harmonics."""
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 
+from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.fields import PerBlade, per_blade, scalar
+from jaxshroud.scene.keys import ALL_KEYS, HARMONIC_KEYS, SINGLE_LOADS
 from jaxshroud.scene.laws import Number
-from jaxshroud.scene.valid import check_numbers
+from jaxshroud.scene.valid import check_given, check_numbers
+
+SINGLE_KEYS = tuple(f"drive.{name}" for name in SINGLE_LOADS)
 
 
 class DriveHarmonic(NamedTuple):
@@ -37,30 +42,119 @@ class DriveHarmonic(NamedTuple):
         return getattr(self, {"x": "F_x", "y": "F_y", "theta": "M_0"}[name])
 
 
+class MeanLoad(NamedTuple):
+    """A constant force and moment of each blade: the harmonic of order 0."""
+
+    F_x: PerBlade  # [N]
+    F_y: PerBlade  # [N]
+    M_0: PerBlade  # [N m]
+
+    @property
+    def phase(self) -> Any:
+        """A quarter of a turn, at which a harmonic of order 0 has its amplitude, by NumPy or JAX."""
+        return 0 * self.F_x + math.pi / 2
+
+    def load(self, name: str) -> Any:
+        """The force along x or y [N], or the moment on theta [N m]."""
+        return getattr(self, {"x": "F_x", "y": "F_y", "theta": "M_0"}[name])
+
+
+class Harmonic(eqx.Module):
+    """One harmonic of a drive: `F sin(n (omega t + phi) + phase)` at an angle `beta` to x, and the moment `M sin(...)`.
+
+    phi is the phase of the drive itself, of each blade.
+    """
+
+    order: int = eqx.field(static=True)  # n, of which the frequency is n omega
+    F: PerBlade = eqx.field(converter=per_blade)  # force amplitude [N]
+    beta: PerBlade = eqx.field(converter=per_blade)  # direction of the force [rad]
+    M: PerBlade = eqx.field(converter=per_blade, default=0.0)  # moment amplitude [N m]
+    phase: PerBlade | None = eqx.field(converter=per_blade, default=None)  # psi [rad]; None: 0
+
+    def under(self, phase: Any, level: Any) -> DriveHarmonic:
+        """The force and the moment under the phase and the level of the drive, by NumPy or JAX."""
+        own = phase if self.order == 1 else self.order * phase
+        own = own if self.phase is None else own + self.phase
+        return DriveHarmonic(self.beta, _at_level(level, self.F), _at_level(level, self.M), own)
+
+
+def _at_level(level: Any, load: Any) -> Any:
+    return load if level is None else level[..., None] * load
+
+
+Harmonics = dict[int, DriveHarmonic | MeanLoad]  # by order
+
+
 class Drive(eqx.Module):
     """The force `Q_i = F_0 sin(omega t + phase)` at an angle `beta` to x, and the moment `M_0 sin(...)` (Sec. 3.1).
+
+    There may be a constant load beside it, which is order 0 of its harmonics. In the place of the sine there may be any
+    number of harmonics of the frequency omega, each with a direction and loads of its own; then `beta`, `F_0` and `M_0`
+    are None.
 
     A drive of one's own is a class derived from this one, with fields of further numbers, whose `harmonics` are these
     fields. Everything else, from the march to the closed form without contact, follows from them. Files cannot name it.
     """
 
     omega: Number = eqx.field(converter=scalar)  # circular frequency, common to both blades [rad/s]
-    beta: PerBlade = eqx.field(converter=per_blade)  # direction of the force [rad]
-    F_0: PerBlade = eqx.field(converter=per_blade)  # force amplitude [N]
-    M_0: PerBlade = eqx.field(converter=per_blade)  # moment amplitude [N m]
+    beta: PerBlade | None = eqx.field(converter=per_blade)  # direction of the force [rad]
+    F_0: PerBlade | None = eqx.field(converter=per_blade)  # force amplitude [N]
+    M_0: PerBlade | None = eqx.field(converter=per_blade)  # moment amplitude [N m]
     phase: PerBlade = eqx.field(converter=per_blade)  # the paper's phi_1, phi_2 [rad]
+    level: Number | None = eqx.field(converter=scalar, default=None, kw_only=True)  # factor of all harmonics; None: 1
+    F_x_mean: PerBlade | None = eqx.field(converter=per_blade, default=None, kw_only=True)  # mean load [N]; None: 0
+    F_y_mean: PerBlade | None = eqx.field(converter=per_blade, default=None, kw_only=True)  # [N]
+    M_mean: PerBlade | None = eqx.field(converter=per_blade, default=None, kw_only=True)  # mean moment [N m]
+    harmonic: tuple[Harmonic, ...] | None = eqx.field(default=None, kw_only=True)  # None: the one of F_0 and M_0
 
     def __check_init__(self):
-        check_numbers("drive", self)
+        orders = [] if self.harmonic is None else [one.order for one in self.harmonic]
+        if (
+            self.harmonic == ()
+            or len(set(orders)) < len(orders)
+            or not all(isinstance(n, int) and n > 0 for n in orders)
+        ):
+            raise InputError(f"The orders of harmonics must be different positive whole numbers, but are {orders}.")
+        if orders and any(load is not None for load in (self.beta, self.F_0, self.M_0)):
+            raise InputError("A drive with harmonics has no `beta`, `F_0` and `M_0` beside them: they must be None.")
+        check_numbers("drive", self, SINGLE_KEYS if orders else ())
+        check_given([(ALL_KEYS[f"drive.{name}"], value) for name, value in self.of_harmonics().items()])
 
     @property
     def period(self) -> Number:
         """The forcing period T = 2 pi / omega [s]."""
         return 2 * math.pi / self.omega
 
-    def harmonics(self) -> dict[int, DriveHarmonic]:
+    def of_harmonics(self) -> dict[str, Any]:
+        """The numbers of the harmonics by their names, such as `harmonic[1].F`, without those that are None."""
+        named = {
+            f"harmonic[{i}].{name}": getattr(one, name)
+            for i, one in enumerate(self.harmonic or ())
+            for name in HARMONIC_KEYS
+        }
+        return {name: value for name, value in named.items() if value is not None}
+
+    def harmonics(self) -> Harmonics:
         """The force and the moment by the order n of their frequency n omega. Their numbers are fields of the drive."""
-        return {1: DriveHarmonic(self.beta, self.F_0, self.M_0, self.phase)}
+        mean = self._mean_load()
+        return self._sines() if mean is None else {**self._sines(), 0: mean}
+
+    def _mean_load(self) -> MeanLoad | None:
+        loads = (self.F_x_mean, self.F_y_mean, self.M_mean)
+        given = next((load for load in loads if load is not None), None)
+        return None if given is None else MeanLoad(*(0 * given if load is None else load for load in loads))
+
+    def _sines(self) -> Harmonics:
+        if self.harmonic is not None:
+            return {one.order: one.under(self.phase, self.level) for one in self.harmonic}
+        assert self.beta is not None  # without a list of harmonics
+        F, M = _at_level(self.level, self.F_0), _at_level(self.level, self.M_0)
+        return {1: DriveHarmonic(self.beta, F, M, self.phase)}
+
+    @property
+    def _is_own(self) -> bool:
+        """Whether the harmonics are those of a class of one's own, all of whose numbers are fields."""
+        return type(self).harmonics is not Drive.harmonics
 
     def largest_load(self, name: str) -> Any:
         """The sum over all harmonics of the amplitudes of the force along x or y [N], or of the moment on theta [N m].
@@ -79,12 +173,20 @@ class Drive(eqx.Module):
 
     def advanced(self, phase: float) -> "Drive":
         """The same drive with its phase omega t advanced by `phase` [rad]."""
+        if not self._is_own:
+            return eqx.tree_at(lambda drive: drive.phase, self, self.phase + phase)
         phases = lambda drive: [harmonic.phase for harmonic in drive.harmonics().values()]
         return eqx.tree_at(
             phases, self, [own + n * phase for n, own in zip(self.harmonics(), phases(self), strict=True)]
         )
 
     def scaled(self, factor: float) -> "Drive":
-        """The same drive with all forces and moments times a `factor`."""
-        loads = lambda drive: [load for one in drive.harmonics().values() for load in (one.F_0, one.M_0)]
+        """The same drive with all forces and moments but mean loads times a `factor`."""
+        loads = lambda drive: [load for one in drive.own_loads() for load in one]
         return eqx.tree_at(loads, self, [load * factor for load in loads(self)])
+
+    def own_loads(self) -> Sequence[tuple[Any, Any]]:
+        """The fields of the drive that are amplitudes of a force and of a moment, by harmonics."""
+        if self._is_own:
+            return [(one.F_0, one.M_0) for one in self.harmonics().values() if isinstance(one, DriveHarmonic)]
+        return [(self.F_0, self.M_0)] if self.harmonic is None else [(one.F, one.M) for one in self.harmonic]

@@ -9,6 +9,7 @@ import numpy as np
 import tomli_w
 
 from jaxshroud.scene.derived_inputs import in_tables, same_quantity
+from jaxshroud.scene.harmonics import nested
 from jaxshroud.scene.layout import Direction, Layout, reading_text
 from jaxshroud.scene.messages import fail
 from jaxshroud.scene.replacing import layout_of
@@ -82,7 +83,7 @@ class SceneFile:
         tables = {"title": self.title, **self.given_tables, "run": run or self.run.model_dump(exclude_none=True)}
         if self.axes:
             tables["sweep"] = _sweep_table(self)
-        return tomli_w.dumps(tables)
+        return tomli_w.dumps(nested(tables))
 
 
 def _sweep_table(scene_file: SceneFile) -> dict[str, Any]:

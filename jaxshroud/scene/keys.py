@@ -27,6 +27,9 @@ class Motion(NamedTuple):
 
 AT_REST = Motion(*[(0.0, 0.0)] * 6)
 KEY_PATTERN = re.compile(r"(?P<name>.*?)(\[(?P<index>0|[1-9]\d{0,3})\])?")
+HARMONIC_ENTRY = re.compile(r"harmonic\[(?P<index>0|[1-9]\d?)\]\.(?P<name>\w+)")  # of the table `drive`
+SINGLE_LOADS = ("beta", "F_0", "M_0")  # of a drive without a list of harmonics
+MAX_ORDER = 99  # of a harmonic
 MIN_BLADES, MAX_BLADES = 2, 512  # of a row
 
 
@@ -78,7 +81,7 @@ class Key(NamedTuple):
     @property
     def parts(self) -> tuple[str, str]:
         """Table and key."""
-        table, key = self.name.split(".")
+        table, _, key = self.name.partition(".")
         return table, key
 
     @property
@@ -170,6 +173,10 @@ SCENE_KEYS = (
     blade_key("drive.F_0", "N", ANY, "F_0", "force amplitude", "60 N"),
     blade_key("drive.M_0", "N m", ANY, "M_0", "moment amplitude", "100 N m"),
     blade_key("drive.phase", "rad", ANY, r"\phi", "drive phase", ["0 deg", "180 deg"], "phases of the drive"),
+    scene_key("drive.level", "", ANY, r"\lambda", "level of the drive", 1.2, "factor of all its harmonics", None),
+    blade_key("drive.F_x_mean", "N", ANY, r"\bar F_x", "mean force", "5 N", "constant force along x", None),
+    blade_key("drive.F_y_mean", "N", ANY, r"\bar F_y", "mean force", "5 N", "constant force along y", None),
+    blade_key("drive.M_mean", "N m", ANY, r"\bar M", "mean moment", "0.1 N m", "constant moment", None),
     blade_key("initial.x", "m", ANY, "x(0)", "initial displacement", "0.01 mm", "displacement in x", 0.0),
     blade_key("initial.y", "m", ANY, "y(0)", "initial displacement", "0.01 mm", "displacement in y", 0.0),
     blade_key(
@@ -209,7 +216,42 @@ ROW_KEYS = {  # of scenes with a row
         ),
     )
 }
-ALL_KEYS = ChainMap(ROW_KEYS, {row.name: row for row in INPUT_KEYS}, KEYS)
+HARMONIC_KEYS = {  # of each table [[drive.harmonic]], by their names in it
+    row.parts[1]: row
+    for row in (
+        blade_key("harmonic.F", "N", ANY, "F_{%s}", "force amplitude", "20 N"),
+        blade_key("harmonic.beta", "rad", ANY, r"\beta_{%s}", "force direction", "30 deg", "direction of the force"),
+        blade_key("harmonic.M", "N m", ANY, "M_{%s}", "moment amplitude", "0.1 N m", default=0.0),
+        blade_key("harmonic.phase", "rad", ANY, r"\psi_{%s}", "phase", ["0 deg", "90 deg"], default=None),
+    )
+}
+
+
+class KeyTable(ChainMap[str, Key]):
+    """The keys by their names. Those of the harmonics of a drive, of which there are any number, are not listed."""
+
+    def __contains__(self, name: object) -> bool:
+        return super().__contains__(name) or (isinstance(name, str) and harmonic_key(name) is not None)
+
+    def __missing__(self, name: str) -> Key:
+        found = harmonic_key(name)
+        if found is None:
+            raise KeyError(name)
+        return found
+
+
+def harmonic_key(name: str) -> Key | None:
+    """The key of a number of one harmonic, `drive.harmonic[1].F`; None for any other name."""
+    table, _, entry = name.partition(".")
+    match = HARMONIC_ENTRY.fullmatch(entry)
+    if table != "drive" or match is None or match["name"] not in HARMONIC_KEYS:
+        return None
+    row, index = HARMONIC_KEYS[match["name"]], match["index"]
+    words = f" of harmonic [{index}]"
+    return row._replace(name=name, symbol=row.symbol % index, label=row.label + words, about=row.about + words)
+
+
+ALL_KEYS = KeyTable(ROW_KEYS, {row.name: row for row in INPUT_KEYS}, KEYS)
 
 
 def keys_of_table(table: str) -> list[Key]:
@@ -243,6 +285,12 @@ def key_names(layout: Layout) -> list[str]:
     return [name for name in ALL_KEYS if layout != PAIR or name not in ROW_KEYS]
 
 
+def key_stem(key: str) -> str:
+    """A key without the index of a blade or interface; what is no key, as it is."""
+    match = KEY_PATTERN.fullmatch(key)
+    return key if match is None else match["name"]
+
+
 def parse_key(key: str, where: str = "", layout: Layout = PAIR) -> tuple[Key, int | None]:
     """The number that a key names in some scene, and the index of its blade or interface, whatever that is.
 
@@ -258,8 +306,7 @@ def find_key(key: str, where: str = "", layout: Layout = PAIR) -> tuple[Key, int
     """The number with a key, and the index of its blade or interface (None: all, or the only one).
 
     Args:
-        key: `table.name`, or `table.name[i]` for blade or interface i alone, from 0: 0 or 1 for a blade of the pair,
-            which has one interface.
+        key: `table.name`, or `table.name[i]` for blade or interface i alone, from 0.
         where: The place that an error message names first.
         layout: The layout of the scene.
 
@@ -267,7 +314,7 @@ def find_key(key: str, where: str = "", layout: Layout = PAIR) -> tuple[Key, int
         KeyNameError: There is no such number.
     """
     number, index = parse_key(key, where, layout)
-    if number.name not in key_names(layout):
+    if layout == PAIR and number.name in ROW_KEYS:
         raise _unknown_key(key, where, layout)
     if index is None:
         return key_in(number, layout), None
@@ -283,8 +330,8 @@ def find_key(key: str, where: str = "", layout: Layout = PAIR) -> tuple[Key, int
 def _unknown_key(key: str, where: str, layout: Layout) -> KeyNameError:
     """The error for a key that names no number."""
     key, known = " ".join(key.split()), key_names(layout)
-    candidates = [candidate for candidate in known if candidate.endswith(f".{key}")]
-    cure = f"; did you mean `{candidates[0]}`?" if candidates else hint(key, known)
+    meant = next((one for one in known if one.endswith(f".{key}")), None)
+    cure = f"; did you mean `{meant}`?" if meant else hint(key, known)
     return KeyNameError(f"{_place(where)}the scene has no number `{key}`{cure}")
 
 

@@ -12,7 +12,7 @@ one can batch and by which one can differentiate. Laws with scalars only, z incl
 as everything else.
 """
 
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -55,8 +55,16 @@ class _PartitionedFunction(eqx.Module):
         return eqx.combine(self.arrays, self.static)(*args)
 
 
-class Laws(eqx.Module):
+class SceneLaw(eqx.Module):
+    """A law of contact that a scene can hold: user laws, or a `ContactLaw` of `model.contact_law`."""
+
+    marches_in_rows: ClassVar[bool] = True
+
+
+class Laws(SceneLaw):
     """The user laws of a scene."""
+
+    marches_in_rows: ClassVar[bool] = False
 
     normal: _PartitionedFunction
     friction: _PartitionedFunction | None

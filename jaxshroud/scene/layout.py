@@ -168,6 +168,7 @@ class Capability(NamedTuple):
         return f"{name or self.name} {REFUSALS[self.holder]}: {self.reason}."
 
 
+OWN_LAWS = '`parts.contact` = "own"'  # user laws; a law of contact of one's own may know rows
 NO_CONTACT = '`parts.contact` = "none"'  # which scenes may have, and verbs refuse
 TWO_BLADES = "it reads the state as the 13 numbers of two blades with one slider"
 CAPABILITIES = (
@@ -185,7 +186,7 @@ CAPABILITIES = (
     Capability("Argument `lyapunov`", "pair so far", TWO_BLADES),
     Capability("Argument `most_trials`", "pair so far", "the march of a row takes no bound of its trials"),
     Capability("the method taylor", "pair so far", "rows are marched by Runge-Kutta methods, not by power series"),
-    Capability('`parts.contact` = "own"', "pair so far", "the kernels of rows know springs and smooth contact only"),
+    Capability(OWN_LAWS, "pair so far", "the kernels of rows know springs and smooth contact only"),
     Capability(NO_CONTACT, "pair", "a row without contact is many single blades; simulate one as a pair"),
     Capability('`parts.neighbour` = "rigid"', "pair", "every blade of a row has a neighbour that is a blade"),
     Capability("`contact.reading` but consistent", "pair", "the article's misprints are in equations of two blades"),
@@ -198,6 +199,16 @@ CAPABILITIES = (
 LIMITED = {capability.name: capability for capability in CAPABILITIES}
 
 
+POINTS_OF_CONTACT = "faces with several points of contact"
+KNOW_POINTS = ("simulate", "power", "sweep", "explain", "check")  # verbs
+
+
+def require_points(verb: str, points: object, where: str = "") -> None:
+    """Raise an InputError if there are `points`, but a verb, or a function, knows no faces with several of them."""
+    if points is not None and verb not in KNOW_POINTS:
+        raise InputError(f"{where}`{verb}` does not know {POINTS_OF_CONTACT} yet; drop `contact.points`.")
+
+
 def holders(layout: Layout) -> Container[Holder]:
     """Whose capabilities scenes with a layout have."""
     return ("pair", "pair so far") if layout == PAIR else ("rows",)
@@ -205,7 +216,7 @@ def holders(layout: Layout) -> Container[Holder]:
 
 def require_parts(parts: Any, reading: Container[str], layout: Layout) -> None:
     """Raise an InputError if a scene with a layout cannot have these parts, a `Parts` or as a file has them."""
-    asked = {f'`parts.{name}` = "{getattr(parts, name)}"' for name in ("neighbour", "contact")} - {NO_CONTACT}
+    asked = {f'`parts.{name}` = "{getattr(parts, name)}"' for name in ("neighbour", "contact")} - {NO_CONTACT, OWN_LAWS}
     for name in (*sorted(asked), *(["`contact.reading` but consistent"] if reading else [])):
         require_capability(name, layout)
 

@@ -11,7 +11,9 @@ from pydantic_core import ErrorDetails
 
 from jaxshroud.scene.checks import KeyNameError, SceneError, did_you_mean, hint
 from jaxshroud.scene.keys import INPUT_KEYS
-from jaxshroud.scene.schema import NO_STIFFNESS, TABLE_MODELS
+from jaxshroud.scene.layout import PAIR
+from jaxshroud.scene.optional import harmonic_count
+from jaxshroud.scene.schema import NO_STIFFNESS, TABLE_MODELS, Table, table_models
 
 UNKNOWN_KEY = "extra_forbidden"  # the type of this error in pydantic
 MISSING_TYPES = ("missing", NO_STIFFNESS)
@@ -54,11 +56,11 @@ def first_problem(error: ValidationError, document: Mapping[str, Any]) -> tuple[
     table, name = (*map(str, first["loc"][:2]), "")[:2]
     missing = [e for e in problems if e["type"] in MISSING_TYPES]
     if len(missing) > 1 and first in missing:
-        return table, name, _all_missing(missing), kind
+        return table, name, _all_missing(missing, document), kind
     return table, name, (_of_key if name else _of_table)(table, name, first, document), kind
 
 
-def _all_missing(missing: Sequence[ErrorDetails]) -> str:
+def _all_missing(missing: Sequence[ErrorDetails], document: Mapping[str, Any]) -> str:
     """The message for every missing table with its required keys, and every missing key of other tables."""
     missing_keys: dict[str, list[str]] = {}
     for e in missing:
@@ -73,8 +75,15 @@ def _all_missing(missing: Sequence[ErrorDetails]) -> str:
     table, names = next(iter(missing_keys.items()))
     name = (names or _required_keys(table))[0]
     return (
-        f"{missing_text}; add all of them, e.g. in [{table}] {name} = {example(TABLE_MODELS[table].model_fields[name])}"
+        f"{missing_text}; add all of them, e.g. in [{table}] {name} = "
+        f"{example(_model_of(table, document).model_fields[name])}"
     )
+
+
+def _model_of(table: str, document: Mapping[str, Any]) -> type[Table]:
+    """The model of a table, which knows the harmonics of the document."""
+    drive = document.get("drive")
+    return table_models(PAIR, harmonic_count(drive) if isinstance(drive, Mapping) else 0)[table]
 
 
 def _required_keys(table: str) -> list[str]:
@@ -84,7 +93,7 @@ def _required_keys(table: str) -> list[str]:
 
 
 def _of_key(table: str, name: str, first: ErrorDetails, document: Mapping[str, Any]) -> str:
-    fields = TABLE_MODELS[table].model_fields
+    fields = _model_of(table, document).model_fields
     if first["type"] == UNKNOWN_KEY:
         keys = [*fields, *(row.parts[1] for row in INPUT_KEYS if row.parts[0] == table)]
         return f"[{table}] has no key `{name}`{hint(name, keys)}"

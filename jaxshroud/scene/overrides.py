@@ -9,16 +9,17 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from jaxshroud.scene.checks import MAX_VALUES
-from jaxshroud.scene.derived_inputs import alternative_keys, check_known
+from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, alternative_keys, check_known
 from jaxshroud.scene.file import Axis, SceneFile
-from jaxshroud.scene.keys import ALL_KEYS, ANY, KEYS, Key, find_key, list_words, number_shape
+from jaxshroud.scene.keys import ALL_KEYS, ANY, HARMONIC_ENTRY, KEYS, Key, find_key, list_words, number_shape
 from jaxshroud.scene.layout import Layout, layout_with
 from jaxshroud.scene.messages import fail, problem_text, toml_text
+from jaxshroud.scene.optional import require_number
 from jaxshroud.scene.replacing import STIFFNESS_KEYS
 from jaxshroud.scene.schema import TABLE_MODELS, RowTable, SweepTable, number_type, row_table_of
 from jaxshroud.scene.units import is_speed_of_rotation
 
-OVERRIDE = re.compile(r"\s*([a-z]+)\.(\w+)(?:\[(0|[1-9]\d{0,3})\])?\s*=\s*(\S.*?)\s*")
+OVERRIDE = re.compile(r"\s*([a-z]+)\.(\w+|harmonic\[\d+\]\.\w+)(?:\[(0|[1-9]\d{0,3})\])?\s*=\s*(\S.*?)\s*")
 WORDS = re.compile(r"[a-zA-Z_][\w.]*(\s*,\s*[a-zA-Z_][\w.]*)+")
 BRACKETS = re.compile(r"\[[^\[\]\"'{}]+\]")
 # Setting the left key drops the right ones, which say the same.
@@ -80,6 +81,8 @@ def override(document: dict[str, Any], text: str) -> tuple[str, str]:
     rows = document.setdefault(table, {})
     if not isinstance(rows, dict):
         return "", ""  # an error of the file, which is reported later
+    if HARMONIC_ENTRY.fullmatch(name):
+        require_number(f"{table}.{name}", [f"{table}.{other}" for other in rows], "--set")
     if match[3] is not None:
         value = _list_with(rows, table, name, int(match[3]), value, row)
         if value is None:
@@ -87,10 +90,17 @@ def override(document: dict[str, Any], text: str) -> tuple[str, str]:
     check_is_no_speed("--set", f"{table}.{name}", value, rows.get("engine_order"))
     rows[name] = value
     alternatives = [tuple(key.split(".")) for key in alternative_keys(f"{table}.{name}", layout_with(row))]
-    for rival_table, rival_key in [*EXCLUSIVE_KEYS.get((table, name), []), *alternatives]:
+    for rival_table, rival_key in [*EXCLUSIVE_KEYS.get((table, name), []), *_other_order(table, name), *alternatives]:
         if isinstance(document.get(rival_table), dict):
             document[rival_table].pop(rival_key, None)
     return table, name
+
+
+def _other_order(table: str, name: str) -> list[tuple[str, str]]:
+    """The other way to give the order of a harmonic."""
+    stem, _, last = name.rpartition(".")
+    other = {"order": "engine_order", "engine_order": "order"}.get(last) if stem else None
+    return [(table, f"{stem}.{other}")] if other else []
 
 
 def _list_with(
@@ -126,7 +136,8 @@ def _old_value(rows: dict[str, Any], table: str, name: str, row: RowTable | None
     """What a table gives for a key, or what stands for it; None where there is nothing."""
     if row is not None and (table, name) == ("row", "mistuning"):
         return list(row.mistuning)
-    return rows.get(name, rows.get("m") if name == "m_y" else 0.0 if table == "initial" else None)
+    is_zero = table == "initial" or HARMONIC_ENTRY.fullmatch(name)
+    return rows.get(name, rows.get("m") if name == "m_y" else 0.0 if is_zero else None)
 
 
 def axis(
@@ -196,6 +207,9 @@ def _known_row(scene_file: SceneFile, key: str, where: str) -> Key:
     """The row of a key, which the scene has."""
     row, _ = find_key(key, where, scene_file.layout)
     check_known(key, scene_file.given, where, scene_file.layout)
+    if row.name not in (*DERIVED_BY_KEY, "contact.width"):  # whose cure is to add both of its words
+        present = [f"{table}.{name}" for table, part in scene_file.tables.items() for name in part]
+        require_number(row.name, present, where)
     return row
 
 

@@ -21,8 +21,8 @@ from jaxshroud.scene.derived_inputs import (
 )
 from jaxshroud.scene.keys import ALL_KEYS, Key, find_key, number_shape
 from jaxshroud.scene.layout import PAIR, Layout, row_layout
+from jaxshroud.scene.optional import require_number, standing_for
 
-NO_WIDTH = "The scene's contact is not smooth: it has no width."
 STIFFNESS_KEYS = {"contact.k": "contact.gamma", "contact.gamma": "contact.k"}  # each drops the other
 
 
@@ -62,9 +62,9 @@ def renamed_numbers(
     for key, value in values.items():
         number, index = find_key(key, layout=layout)
         check_known(key, given, layout=layout)
-        if number.name == "contact.width" and number.name not in numbers:
-            raise KeyNameError(NO_WIDTH)
         is_input = number.name in DERIVED_BY_KEY
+        if not is_input:
+            require_number(number.name, numbers)
         holder, xp = given if is_input else numbers, value.__array_namespace__()
         own = number_shape(number, layout)
         if index is not None:
@@ -81,7 +81,7 @@ def _all_of(number: Key, index: int, holder: Numbers, numbers: Numbers) -> Any:
     if number.name in STIFFNESS_KEYS and number.name not in holder:
         other = STIFFNESS_KEYS[number.name]
         raise KeyNameError(f"the scene is given by {other}; name {number.name} for all interfaces, or {other}[{index}]")
-    return holder.get(number.name, numbers["blades.m"])  # for a mass in y that is not there
+    return holder[number.name] if number.name in holder else standing_for(number.name, numbers)
 
 
 def replaced_tables(

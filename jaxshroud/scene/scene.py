@@ -4,26 +4,40 @@ from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxshroud.scene.blades import BladeMatrices, Blades
 from jaxshroud.scene.checks import InputError, type_argument, word_argument
-from jaxshroud.scene.drive import Drive
+from jaxshroud.scene.drive import Drive, Harmonic
 from jaxshroud.scene.fields import PerBlade, per_blade, scalar
 from jaxshroud.scene.keys import (
     ALL_KEYS,
     AT_REST,
+    HARMONIC_ENTRY,
     MAX_BLADES,
     MIN_BLADES,
     ROW_KEYS,
+    SINGLE_LOADS,
     Motion,
     key_in,
     number_shape,
 )
-from jaxshroud.scene.laws import FrictionLaw, Laws, NormalLaw, Number, with_checked_shapes
-from jaxshroud.scene.layout import Layout, Parts, layout_with, misprints, require_parts, row_layout
+from jaxshroud.scene.laws import FrictionLaw, Laws, NormalLaw, Number, SceneLaw, with_checked_shapes
+from jaxshroud.scene.layout import (
+    OWN_LAWS,
+    Layout,
+    Parts,
+    layout_with,
+    misprints,
+    require_capability,
+    require_parts,
+    row_layout,
+)
+from jaxshroud.scene.optional import harmonic_count
+from jaxshroud.scene.points import ContactPoints
 from jaxshroud.scene.typed import short_repr, typed
 from jaxshroud.scene.valid import KEYS_BY_TABLE, check_number, check_numbers, check_shape
 
@@ -74,8 +88,11 @@ class Contact(eqx.Module):
     gamma: Number | None = eqx.field(converter=scalar)  # k / k_x of the left blade (Sec. 3.1.1)
     reading: frozenset[str] = eqx.field(static=True, converter=_reading, default=frozenset())
     width: Number | None = eqx.field(converter=scalar, default=None)  # over which smooth contact sets in [m]
+    points: ContactPoints | None = None  # of the faces; None: a corner touches
 
     def __check_init__(self):
+        if self.points is not None:
+            type_argument("points", self.points, ContactPoints, "ContactPoints(2)")
         if (self.k is None) == (self.gamma is None):
             raise InputError("Exactly one of `k` and `gamma` must be given.")
         check_numbers("contact", self)
@@ -141,7 +158,7 @@ class Scene(eqx.Module):
     drive: Drive
     initial: Motion = eqx.field(converter=_motion_per_blade, default=AT_REST)
     parts: Parts = eqx.field(static=True, default=Parts())
-    laws: Laws | None = None  # user laws of contact and friction
+    laws: SceneLaw | None = None  # user laws of contact and friction, or a law of contact of one's own
     given: dict[str, Any] = eqx.field(converter=_given, default_factory=dict)  # inputs by their keys
     row: Row | None = None  # None: the pair
 
@@ -156,9 +173,16 @@ class Scene(eqx.Module):
             raise InputError("Smooth contact has no misprints: its `reading` must be consistent.")
         if self.parts.contact == "own" and self.contact.reading:
             raise InputError("Own laws have no misprints: the scene's `reading` must be consistent.")
+        if self.contact.points is not None and (self.contact.reading or self.parts.contact != "spring"):
+            other = "misprints (`reading`)" if self.contact.reading else f'contact = "{self.parts.contact}"'
+            raise InputError(f"Contact points go with located contact in the consistent reading, not with {other}.")
+        if self.contact.points is not None:
+            self.contact.points.check_on(self.shroud.l_ab)
         if self.row is not None:
             type_argument("row", self.row, Row, "Row(12, closed=True)")
         require_parts(self.parts, self.contact.reading, self.layout)
+        if self.laws is not None and not self.laws.marches_in_rows:
+            require_capability(OWN_LAWS, self.layout)
         check_numbers("initial", self.initial)
         self._check_shapes()
         for key, value in self.given.items():
@@ -171,6 +195,8 @@ class Scene(eqx.Module):
                 value = getattr(getattr(self, table), name)
                 if value is not None:
                     check_shape(key, value, self.layout)
+        for name, value in self.drive.of_harmonics().items():
+            check_shape(ALL_KEYS[f"drive.{name}"], value, self.layout)
 
     @property
     def k(self) -> Number:
@@ -206,6 +232,21 @@ class Scene(eqx.Module):
         """The layout of the blades: that of the row, or the pair."""
         return layout_with(self.row)
 
+    @property
+    def points(self) -> int:
+        """The number of points of contact of a face; 0 where a corner touches."""
+        return 0 if self.contact.points is None else self.contact.points.number
+
+    @property
+    def sliders(self) -> int:
+        """How many sliders a state has: one at each interface, or at each of its points."""
+        return self.layout.interfaces * max(self.points, 1)
+
+    @property
+    def state_size(self) -> int:
+        """How many numbers a state has: six of each blade, and the sliders."""
+        return 6 * self.layout.blades + self.sliders
+
 
 def scene_of(tables: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]) -> Scene:
     """The scene from tables of plain SI numbers, as in a file, and the inputs from which some were worked out."""
@@ -219,14 +260,29 @@ def scene_of(tables: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]) 
     return Scene(
         Blades(**tables["blades"]),
         Shroud(**tables["shroud"]),
-        Contact(**{"k": None, "gamma": None, **tables["contact"]}),
+        _contact_of(tables),
         Friction(**tables["friction"]),
-        Drive(**tables["drive"]),
+        _drive_of(tables["drive"]),
         Motion(**tables["initial"]),
         Parts(**{**parts, "motion": tuple(parts["motion"])}),
         given=given,  # pyright: ignore[reportArgumentType]
         row=row,
     )
+
+
+def _drive_of(entries: Mapping[str, Any]) -> Drive:
+    """The drive from the entries of its table, those of its harmonics among them."""
+    plain = {name: value for name, value in entries.items() if not HARMONIC_ENTRY.fullmatch(name)}
+    of: list[dict[str, Any]] = [{} for _ in range(harmonic_count(entries))]
+    for match in filter(None, map(HARMONIC_ENTRY.fullmatch, entries)):
+        of[int(match["index"])][match["name"]] = entries[match.string]
+    return Drive(**{**dict.fromkeys(SINGLE_LOADS), **plain}, harmonic=tuple(Harmonic(**one) for one in of) or None)
+
+
+def _contact_of(tables: Mapping[str, Mapping[str, Any]]) -> Contact:
+    entries = {"k": None, "gamma": None, **tables["contact"]}
+    points, shares = entries.pop("points", None), entries.pop("shares", None)
+    return Contact(**entries, points=None if points is None else ContactPoints(points, shares))
 
 
 def _for_layout(key: str, value: Any, layout: Layout) -> Any:
@@ -244,7 +300,8 @@ def without_given(scene: Scene) -> Scene:
 def with_parts(scene: Scene, parts: Parts, width: ArrayLike | None = None) -> Scene:
     """The `scene` with other model parts; smooth contact requires a `width` [m]."""
     c = scene.contact
-    contact = Contact(c.k, c.gamma, c.reading, width)  # pyright: ignore[reportArgumentType]
+    points = c.points if parts.contact == "spring" else None
+    contact = Contact(c.k, c.gamma, c.reading, width, points)  # pyright: ignore[reportArgumentType]
     return _with_contact(scene, contact, parts)
 
 
@@ -273,11 +330,41 @@ def with_laws(scene: Scene, normal: NormalLaw, friction: FrictionLaw | None = No
         >>> js.sweep(own, {"shroud.gap": [22e-6]}, n_periods=2, transient=1, method=js.RungeKutta(steps=400)).status
         array([0], dtype=int32)
     """
+    _require_corner(scene)
     contact = Contact(scene.contact.k, scene.contact.gamma, scene.contact.reading)
     parts, laws = scene.parts._replace(contact="own"), with_checked_shapes(Laws(normal, friction, z))
     return _with_contact(scene, contact, parts, laws)
 
 
-def _with_contact(scene: Scene, contact: Contact, parts: Parts, laws: Laws | None = None) -> Scene:
+@typed
+def with_contact_law(scene: Scene, law: SceneLaw) -> Scene:
+    """The `scene` with a law of contact of one's own in place of the contact spring and the friction element.
+
+    Runge-Kutta methods march such scenes, pairs and rows, and power series if it is a `LinearLaw`. In Python such a
+    scene is like any other; files cannot name a law.
+
+    Args:
+        scene: The scene; its reading must be consistent.
+        law: A `ContactLaw` of `jaxshroud.model.contact_law`; its numbers are those of each interface.
+
+    Raises:
+        InputError: The scene keeps misprints of the article.
+    """
+    c = scene.contact
+    if isinstance(law, Laws):
+        raise InputError("User laws of contact and friction are given by js.with_laws.")
+    _require_corner(scene)
+    numbers = jax.tree.map(lambda a: jnp.asarray(a, float), law)
+    contact, parts = Contact(c.k, c.gamma, c.reading), scene.parts._replace(contact="own")
+    return _with_contact(scene, contact, parts, numbers)
+
+
+def _require_corner(scene: Scene) -> None:
+    """Raise an InputError if the faces of a scene have points: own laws are those of a corner so far."""
+    if scene.contact.points is not None:
+        raise InputError("Own laws of contact do not know contact points yet; drop `contact.points`.")
+
+
+def _with_contact(scene: Scene, contact: Contact, parts: Parts, laws: SceneLaw | None = None) -> Scene:
     s = scene
     return Scene(s.blades, s.shroud, contact, s.friction, s.drive, s.initial, parts, laws, s.given, s.row)

@@ -5,6 +5,7 @@ Pydantic checks the structure; the numbers are those of `keys`, the words those 
 
 # pyright: reportInvalidTypeForm=false
 # The types are made from the table of keys, which pyright cannot follow.
+from collections.abc import Collection, Sequence
 from functools import lru_cache, partial
 from typing import Annotated, Any, Literal
 
@@ -26,10 +27,14 @@ from pydantic_core import PydanticCustomError
 
 from jaxshroud.scene.checks import DEFAULT_TRANSIENT, MAX_AUTO_STEPS, MAX_COUNT, did_you_mean
 from jaxshroud.scene.keys import (
+    ALL_KEYS,
     FROM_0,
+    HARMONIC_KEYS,
     MAX_BLADES,
+    MAX_ORDER,
     MIN_BLADES,
     ROW_KEYS,
+    SINGLE_LOADS,
     Key,
     Range,
     keys_of_table,
@@ -49,6 +54,8 @@ from jaxshroud.scene.layout import (
     require_parts,
     row_layout,
 )
+from jaxshroud.scene.point_numbers import check_number_of_points, check_points
+from jaxshroud.scene.typed import are_numbers
 from jaxshroud.scene.units import to_si
 
 NO_STIFFNESS = "no_stiffness"  # the type of pydantic's error for a [contact] without one
@@ -108,10 +115,27 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-def _number_table(table: str, layout: Layout, **further: Any) -> type[Table]:
-    """The model of a table of numbers with `further` fields."""
-    fields: dict[str, Any] = {n.parts[1]: (_entry(n, layout), _default(n, layout)) for n in keys_of_table(table)}
-    return create_model(f"{table.title()}Table", __base__=Table, **fields, **further)
+def _number_table(table: str, layout: Layout, without: Collection[str] = (), **further: Any) -> type[Table]:
+    """The model of a table of numbers with `further` fields, and `without` some."""
+    rows = [row for row in keys_of_table(table) if row.parts[1] not in without]
+    return create_model(f"{table.title()}Table", __base__=Table, **_fields(rows, layout), **further)
+
+
+def _fields(rows: Sequence[Key], layout: Layout) -> dict[str, Any]:
+    """The fields of numbers by their names in a table."""
+    return {n.parts[1]: (_entry(n, layout), _default(n, layout)) for n in rows}
+
+
+def _drive_table(layout: Layout, harmonics: int) -> type[Table]:
+    """The model of a [drive] with so many harmonics in tables of their own; 0: the only one is its own."""
+    if not harmonics:
+        return _number_table("drive", layout)
+    order = Annotated[
+        int, Field(strict=True, ge=1, le=MAX_ORDER), key("order of the harmonic, a multiple of drive.omega", 2)
+    ]
+    rows = [ALL_KEYS[f"drive.harmonic[{i}].{name}"] for i in range(harmonics) for name in HARMONIC_KEYS]
+    orders: dict[str, Any] = {f"harmonic[{i}].order": (order, ...) for i in range(harmonics)}
+    return _number_table("drive", layout, SINGLE_LOADS, **orders, **_fields(rows, layout))
 
 
 MISTUNING = ROW_KEYS["row.mistuning"]
@@ -274,17 +298,56 @@ def _smooth_has_a_width(file: Any) -> Any:
     return file
 
 
+def _points_are_of_their_face(file: Any) -> Any:
+    contact, l_ab = file.contact, file.shroud.l_ab
+    if contact.shares is not None and contact.points is None:
+        raise ValueError("[contact] shares are those of points; add points, e.g. points = 2")
+    if contact.points is None:
+        return file
+    if contact.reading or file.parts.contact != "spring":
+        other = "a printed `reading`" if contact.reading else f'contact = "{file.parts.contact}"'
+        raise ValueError(f"[contact] points go with located contact in the consistent reading, not with {other}")
+    check_points(contact.points, contact.shares, l_ab)
+    return file
+
+
 READING = (Annotated[frozenset[str], BeforeValidator(misprints), key("misprints kept", "consistent")], frozenset())
+
+
+def _points(value: Any) -> Any:
+    """A number of points, or the place of each [m], from a file."""
+    if isinstance(value, int) and not isinstance(value, bool):
+        check_number_of_points(value)
+        return value
+    places = [to_si("m", one) for one in value] if isinstance(value, list | tuple) else []
+    if not places or not are_numbers(places):
+        raise ValueError("must be a number of points, or a list of their places up the face from its middle")
+    check_number_of_points(len(places))
+    return [float(one) for one in places]
+
+
+def _list_of_shares(value: Any) -> Any:
+    if not isinstance(value, list | tuple) or not value or not are_numbers(list(value)):
+        raise ValueError("must be a list with a number for each point")
+    return [float(one) for one in value]
+
+
+_POINTS_KEY = key("points of contact of a face: how many, or where", 2)
+_SHARES_KEY = key("share of the stiffnesses of each point", [0.5, 0.5])
+POINTS = (Annotated[Annotated[Any, BeforeValidator(_points)] | None, _POINTS_KEY], None)
+POINT_SHARES = (Annotated[Annotated[Any, BeforeValidator(_list_of_shares)] | None, _SHARES_KEY], None)
 TITLE = Annotated[str, key("what the scene shows, in one line", "Fig. 9", pattern=r"^[\P{Cc}\t]*$")]
 
 
 @lru_cache(maxsize=16)
-def _table_models(layout: Layout) -> dict[str, type[Table]]:
-    """The models of all tables of a file."""
+def table_models(layout: Layout, harmonics: int) -> dict[str, type[Table]]:
+    """The models of all tables of a file whose drive has so many harmonics in tables of their own."""
     return {
         **{table: _number_table(table, layout) for table in ("blades", "shroud")},
-        "contact": _number_table("contact", layout, reading=READING),
-        **{table: _number_table(table, layout) for table in ("friction", "drive", "initial")},
+        "contact": _number_table("contact", layout, reading=READING, points=POINTS, shares=POINT_SHARES),
+        "friction": _number_table("friction", layout),
+        "drive": _drive_table(layout, harmonics),
+        "initial": _number_table("initial", layout),
         "parts": PartsTable,
         "run": RunTable,
         "sweep": SweepTable,
@@ -292,7 +355,7 @@ def _table_models(layout: Layout) -> dict[str, type[Table]]:
     }
 
 
-TABLE_MODELS = _table_models(PAIR)
+TABLE_MODELS = table_models(PAIR, 0)
 PHYSICS_TABLES = tuple(TABLE_MODELS)[:7]
 ROW_TYPE: TypeAdapter[Any] = TypeAdapter(create_model("FileWithRow", row=(RowTable | None, None)))  # of any file
 
@@ -306,9 +369,9 @@ def row_table_of(document: dict[str, Any]) -> RowTable | None:
 
 
 @lru_cache(maxsize=16)
-def scene_file_type(layout: Layout) -> Any:
+def scene_file_type(layout: Layout, harmonics: int) -> Any:
     """The pydantic type of a file."""
-    models = _table_models(layout)
+    models = table_models(layout, harmonics)
     fields: dict[str, Any] = {
         "title": (TITLE, ""),
         **{table: (model, ...) for table, model in models.items()},
@@ -320,6 +383,9 @@ def scene_file_type(layout: Layout) -> Any:
     }
     file: Any = create_model("File", __base__=Table, **fields)
     checked: Any = Annotated[
-        file, AfterValidator(_smooth_has_a_width), AfterValidator(partial(_parts_are_of_its_layout, layout=layout))
+        file,
+        AfterValidator(_smooth_has_a_width),
+        AfterValidator(_points_are_of_their_face),
+        AfterValidator(partial(_parts_are_of_its_layout, layout=layout)),
     ]
     return TypeAdapter(checked)

@@ -10,6 +10,7 @@ import tomli_w
 
 from jaxshroud.scene.derived_inputs import in_given_form, in_tables
 from jaxshroud.scene.drive import Drive
+from jaxshroud.scene.harmonics import flattened, nested
 from jaxshroud.scene.keys import Key
 from jaxshroud.scene.layout import reading_text
 from jaxshroud.scene.overrides import literal
@@ -30,6 +31,9 @@ def tables_of(scene: Scene) -> dict[str, dict[str, Any]]:
     """One scene as it is given, in plain numbers by table and key, with one number for equal blades."""
     tables = in_tables(plain_numbers(numbers_of(scene)), plain_numbers(given_of(scene)), scene.layout)
     tables["contact"]["reading"] = reading_text(scene.contact.reading)
+    tables["drive"] |= {f"harmonic[{i}].order": one.order for i, one in enumerate(scene.drive.harmonic or ())}
+    if scene.contact.points is not None:
+        tables["contact"] |= scene.contact.points.as_given()
     if type(scene.drive) is not Drive:
         tables["drive"]["own"] = type(scene.drive).__name__  # which no file can name: it is refused there
     if row := scene.row:
@@ -39,14 +43,14 @@ def tables_of(scene: Scene) -> dict[str, dict[str, Any]]:
 
 def words_of(text: str) -> dict[str, str]:
     """The entries of a scene's TOML text as `table.key` and words, without its title and sweep."""
-    tables = tomllib.loads(text)
+    tables = flattened(tomllib.loads(text), "the scene of a result")
     physics = {table: keys for table, keys in tables.items() if isinstance(keys, dict) and table != "sweep"}
     return {f"{table}.{key}": str(value) for table, keys in physics.items() for key, value in keys.items()}
 
 
 def text_of(scene: Scene, run: Mapping[str, Any], title: str = "") -> str:
     """The TOML file of one scene and its run: loading it gives the same scene."""
-    return tomli_w.dumps({"title": title, **tables_of(scene), "run": dict(run)})
+    return tomli_w.dumps(nested({"title": title, **tables_of(scene), "run": dict(run)}))
 
 
 FEW_DIGITS = 12  # as one types them

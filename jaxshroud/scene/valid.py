@@ -1,5 +1,6 @@
 """Checks of the numbers of a scene made in Python: their ranges, as in files, and their precision."""
 
+from collections.abc import Collection, Sequence
 from typing import Any, NoReturn
 
 import jax
@@ -14,21 +15,24 @@ from jaxshroud.scene.layout import PAIR, Layout
 from jaxshroud.scene.typed import are_numbers, short_repr
 from jaxshroud.scene.units import to_si
 
-OPTIONAL_KEYS = ("blades.m_y", "contact.k", "contact.gamma", "contact.width")
+OPTIONAL_KEYS = tuple(key.name for key in KEYS.values() if key.default is None)
 KEYS_BY_TABLE: dict[str, list[tuple[str, Key]]] = {}
 for _row in KEYS.values():
     KEYS_BY_TABLE.setdefault(_row.parts[0], []).append((_row.parts[1], _row))
 
 
-def check_numbers(table: str, holder: object) -> None:
+def check_numbers(table: str, holder: object, without: Collection[str] = ()) -> None:
     """Raise SceneError unless those attributes of `holder` that are numbers of a table are in their ranges.
 
-    Numbers per blade must be of equally many blades; how many there are, only the scene knows.
+    Numbers per blade must be of equally many blades; how many there are, only the scene knows. Keys in `without` are
+    not asked for.
     """
-    numbers = [(key, getattr(holder, name)) for name, key in KEYS_BY_TABLE[table]]
-    given: list[tuple[Key, Any]] = [
-        (key, value) for key, value in numbers if value is not None or key.name not in OPTIONAL_KEYS
-    ]
+    numbers = [(key, getattr(holder, name)) for name, key in KEYS_BY_TABLE[table] if key.name not in without]
+    check_given([(key, value) for key, value in numbers if value is not None or key.name not in OPTIONAL_KEYS])
+
+
+def check_given(given: Sequence[tuple[Key, Any]]) -> None:
+    """Raise SceneError unless the numbers of keys are in their ranges, those per blade of equally many blades."""
     for key, value in given:
         _check_is_number(key, value)
     per_blade = [(key, value) for key, value in given if key.pair]

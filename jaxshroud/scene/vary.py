@@ -20,8 +20,9 @@ from jaxshroud.scene.derived_inputs import (
     inputs_by_key,
     inputs_in,
 )
-from jaxshroud.scene.keys import ALL_KEYS, KEYS, find_key, number_shape
-from jaxshroud.scene.replacing import NO_WIDTH, renamed_numbers, replace_numbers
+from jaxshroud.scene.keys import ALL_KEYS, HARMONIC_ENTRY, KEYS, find_key, number_shape
+from jaxshroud.scene.optional import require_number, standing_for
+from jaxshroud.scene.replacing import renamed_numbers, replace_numbers
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import check_number
@@ -36,8 +37,19 @@ def fields_of(scene: Scene) -> dict[str, Any]:
     """
     tables = {table: getattr(scene, table) for table in TABLE_NAMES if getattr(scene, table) is not None}
     fields = {table: part._asdict() if table == "initial" else vars(part) for table, part in tables.items()}
+    fields["drive"] = {**fields["drive"], **scene.drive.of_harmonics()}
     named = {f"{table}.{name}": value for table, part in fields.items() for name, value in part.items()}
     return {key: value for key, value in named.items() if key in ALL_KEYS and hasattr(value, "shape")}
+
+
+def field_of(scene: Scene, key: str) -> Any:
+    """The number with a key, without the index of a blade: the leaf of the scene, None where it has none."""
+    number = ALL_KEYS[key]
+    table, name = number.parts
+    match = HARMONIC_ENTRY.fullmatch(name)
+    if match is not None:
+        return getattr((scene.drive.harmonic or ())[int(match["index"])], match["name"])
+    return getattr(getattr(scene, table), name)
 
 
 def numbers_of(scene: Scene) -> dict[str, np.ndarray]:
@@ -98,8 +110,7 @@ def _with_leaves(scene: Scene, old: Mapping[str, Any], new: Mapping[str, Any], g
     """The scene with those numbers that are not the old ones, None where there is no longer one, and with inputs."""
     leaf = lambda value: None if value is None else jnp.asarray(value, scene.drive.omega.dtype)
     changed = [key for key in {**old, **new} if new.get(key) is not old.get(key)]
-    parts = [key.split(".") for key in changed]
-    places = lambda s: [*(getattr(getattr(s, table), name) for table, name in parts), s.given]
+    places = lambda s: [*(field_of(s, key) for key in changed), s.given]
     leaves = [*(leaf(new.get(key)) for key in changed), {key: leaf(value) for key, value in given.items()}]
     return eqx.tree_at(places, scene, leaves, is_leaf=lambda part: part is None or part is scene.given)
 
@@ -115,13 +126,13 @@ def _named_number(scene: Scene, name: str) -> Any:
     """
     if name in DERIVED_BY_KEY:
         return _input_of(scene, name)
-    if name == "contact.width" and scene.contact.width is None:
-        raise KeyNameError(NO_WIDTH)
     if name == "contact.k":
         return scene.k
     if name == "contact.gamma":
         return scene.k / scene.left_k_x
-    return fields_of(scene).get(name, scene.blades.m)  # for a mass in y that is not there
+    numbers = fields_of(scene)
+    require_number(name, numbers)
+    return numbers[name] if name in numbers else standing_for(name, numbers)
 
 
 def _input_of(scene: Scene, name: str) -> Any:

@@ -196,7 +196,8 @@ def check_vibration(of: str, scenes: Scene, lanes: Callable[[Any], Any] = np.any
         which = "a blade of the row does not vibrate" if of == "P_d_worst" else "no blade of the row vibrates"
         nothing = f"Without contact {which}"
     lost = f"there is no {of}" if is_reduction(of) else f"{of} has nothing to be compared with"
-    raise InputError(f"{nothing}, and {lost}; give it a drive.F_0.")
+    force = "force in drive.harmonic" if scenes.drive.of_harmonics() else "drive.F_0"
+    raise InputError(f"{nothing}, and {lost}; give it a {force}.")
 
 
 def check_resonance(of: str, scenes: Scene, lanes: Callable[[Any], Any] = np.any) -> None:

@@ -17,9 +17,18 @@ from jaxshroud.cache.programs import kept
 from jaxshroud.march.accumulator import ContactTimes, displacements_of
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import corners, gyration_of_sides
-from jaxshroud.model.linear import area, free_power, free_reach, power_reduction, steady_amplitudes
+from jaxshroud.model.linear import (
+    StaticPosition,
+    about_static,
+    area,
+    free_power,
+    free_reach,
+    power_reduction,
+    static_position,
+    steady_amplitudes,
+)
 from jaxshroud.scene.layout import PAIR, Layout
-from jaxshroud.scene.scene import Scene, Shroud
+from jaxshroud.scene.scene import Scene, Shroud, without_given
 from jaxshroud.scene.typed import FloatArray
 from jaxshroud.signals.period import (
     PERIOD_TOLERANCE,
@@ -42,12 +51,26 @@ class Positions(NamedTuple):
     gyration: FloatArray  # (lanes,) polar second moment of a block's area per area, J_A / A [m^2]
 
 
+def static_positions(scenes: Scene) -> StaticPosition | None:
+    """The static positions of the blades that count of scenes (leading axis), (lanes, 1, blades) each."""
+    at = _static_positions(without_given(scenes))
+    return at and StaticPosition(*(np.asarray(a, float)[:, None, scenes.layout.counting] for a in at))
+
+
+@kept()
+def _static_positions(scenes: Scene) -> StaticPosition | None:
+    return jax.vmap(static_position)(scenes)
+
+
 def positions_of(scenes: Scene, samples: Sample) -> Positions | None:
-    """The mean positions in each kept period of scenes (leading axis); None where they were not integrated."""
+    """The mean positions in each kept period of scenes (leading axis); None where they were not integrated.
+
+    With mean loads they are those from the static position without contact, as the power is.
+    """
     if samples.means is None:
         return None
     sides = (np.asarray(a, float) for a in (scenes.shroud.l_oa, scenes.shroud.l_ab))
-    x, y, sine, versine = samples.means
+    x, y, sine, versine = about_static(samples.means, static_positions(scenes))
     return Positions(x, y, sine, versine, gyration_of_sides(*sides))
 
 

@@ -24,6 +24,7 @@ from jaxshroud.batch.states import motion_rows
 from jaxshroud.march.method import Choices
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.prepared import State
+from jaxshroud.scene.drive import DriveHarmonic, MeanLoad
 from jaxshroud.scene.scene import Scene
 
 HARMONIC_PERIODS = 16  # over which the first harmonic of an aperiodic motion is taken
@@ -31,7 +32,7 @@ NEGLIGIBLE_FORCE = 1e-6  # of contact, over that of the drive: the error of samp
 NEGLIGIBLE_MOTION = 1e-6  # along one direction of the faces, over that along the other: likewise
 
 PerCoordinate = Float[np.ndarray, "2 3"]  # blades; x, y and theta
-Harmonic = Complex[np.ndarray, "2 3"]
+ComplexAmplitudes = Complex[np.ndarray, "2 3"]
 
 
 class LinearBlades(NamedTuple):
@@ -41,12 +42,13 @@ class LinearBlades(NamedTuple):
     c: PerCoordinate
     k: PerCoordinate
     moves: np.ndarray
-    drive: Harmonic  # complex amplitude of the load, of the first harmonic
+    drive: ComplexAmplitudes  # complex amplitude of the load, of the first harmonic
+    mean: PerCoordinate  # constant load
     omega: float
     axes: Float[np.ndarray, "2 2"]  # normal and tangent of the faces at rest, as rows
 
     @property
-    def dynamic_stiffness(self) -> Harmonic:
+    def dynamic_stiffness(self) -> ComplexAmplitudes:
         """The load per displacement of each coordinate alone."""
         return self.k - self.m * self.omega**2 + 1j * self.omega * self.c
 
@@ -94,9 +96,9 @@ def equivalent_values(
 def linear_blades(scenes: Scene, i: int) -> LinearBlades:
     """The blades of one of many scenes (leading axis)."""
     b, drive = scenes.blades, jax.tree.map(lambda a: np.asarray(a, float)[i], scenes.drive)
-    first = drive.harmonics()[1]
+    first, mean = drive.harmonics().get(1), drive.harmonics().get(0)
     stacked = lambda *columns: np.stack([np.asarray(a, float)[i] for a in columns], axis=-1)
-    load = np.stack([first.F_x, first.F_y, first.M_0], axis=-1)
+    load = np.zeros((2, 3)) if first is None else _stacked_load(first)
     moves = np.array([[scenes.parts.has(name, blade) for name in ("x", "y", "theta")] for blade in (0, 1)])
     alpha = float(np.asarray(scenes.shroud.alpha)[i])
     return LinearBlades(
@@ -104,18 +106,24 @@ def linear_blades(scenes: Scene, i: int) -> LinearBlades:
         c=stacked(b.c_x, b.c_y, b.c_T),
         k=stacked(b.k_x, b.k_y, b.k_T),
         moves=moves,
-        drive=load * np.exp(1j * first.phase)[:, None],
+        drive=load * np.exp(1j * (0.0 if first is None else first.phase))[..., None],
+        mean=np.zeros((2, 3)) if mean is None else _stacked_load(mean) * np.sin(mean.phase)[:, None],
         omega=float(drive.omega),
         axes=np.array([[np.sin(alpha), -np.cos(alpha)], [np.cos(alpha), np.sin(alpha)]]),
     )
 
 
+def _stacked_load(one: DriveHarmonic | MeanLoad) -> PerCoordinate:
+    """The amplitudes of the load of one harmonic."""
+    return np.stack([one.F_x, one.F_y, one.M_0], axis=-1)
+
+
 class HarmonicMotion(NamedTuple):
     """The complex amplitudes, or the means, of displacements, rates and accelerations: (2, 3) each."""
 
-    q: Harmonic | PerCoordinate
-    rate: Harmonic | PerCoordinate
-    acceleration: Harmonic | PerCoordinate
+    q: ComplexAmplitudes | PerCoordinate
+    rate: ComplexAmplitudes | PerCoordinate
+    acceleration: ComplexAmplitudes | PerCoordinate
 
 
 def first_harmonics(rows: np.ndarray, steps: int, omega: float) -> HarmonicMotion:
@@ -145,10 +153,9 @@ def mean_motion(rows: np.ndarray, steps: int, omega: float) -> HarmonicMotion:
 def equivalent_contact(blades: LinearBlades, rows: np.ndarray, steps: int) -> Equivalent:
     """The equivalents of the contact of a motion (1 + periods steps, 12)."""
     motion, mean = first_harmonics(rows, steps, blades.omega), mean_motion(rows, steps, blades.omega)
-    on_left, pressing = _contact_force(blades, motion, blades.drive), _contact_force(blades, mean)
-    oscillates, presses = (
-        np.abs(force).max() > NEGLIGIBLE_FORCE * np.abs(blades.drive).max() for force in (on_left, pressing)
-    )
+    on_left, pressing = _contact_force(blades, motion, blades.drive), _contact_force(blades, mean, blades.mean)
+    least = NEGLIGIBLE_FORCE * max(np.abs(blades.drive).max(), np.abs(blades.mean).max())
+    oscillates, presses = (np.abs(force).max() > least for force in (on_left, pressing))
     K = np.full(2, complex(np.nan, np.nan))
     if oscillates or presses:
         along = _relative_motion(blades, motion.q)
@@ -158,13 +165,15 @@ def equivalent_contact(blades: LinearBlades, rows: np.ndarray, steps: int) -> Eq
     return Equivalent(bool(oscillates or presses), k, c, relative_damping_ratio(blades, k, c))
 
 
-def _contact_force(blades: LinearBlades, motion: HarmonicMotion, drive: Harmonic | float = 0.0) -> np.ndarray:
+def _contact_force(
+    blades: LinearBlades, motion: HarmonicMotion, drive: ComplexAmplitudes | PerCoordinate
+) -> np.ndarray:
     """The force of contact on the left block along x and y, from Eq. (1)."""
     load = blades.m * motion.acceleration + blades.c * motion.rate + blades.k * motion.q - drive
     return (load[0] - load[1])[:2] / 2 if blades.moves[1, 0] else load[0, :2]
 
 
-def _relative_motion(blades: LinearBlades, q: Harmonic) -> np.ndarray:
+def _relative_motion(blades: LinearBlades, q: ComplexAmplitudes) -> np.ndarray:
     """The relative displacement of the blocks along the normal and the tangent; NaN along which nothing moves."""
     along = blades.axes @ (q[0] - q[1])[:2]
     reach = max(np.abs(along).max(), NEGLIGIBLE_MOTION * np.abs(q).max())
@@ -191,6 +200,8 @@ def reduction_with_stiffness(blades: LinearBlades, stiffness: np.ndarray, P_0: f
         stiffness: Along the normal and the tangent [N/m]; complex, with dampers i omega c.
         P_0: The mean square displacement of the left block without contact [m^2].
     """
+    if not np.any(blades.drive):
+        return np.nan
     if np.isinf(P_0):
         return 100.0
     apart = mean_square_of(free_displacements(blades))

@@ -105,6 +105,7 @@ class Choice:
     promised: bool | None  # False: the accuracy cannot be reached, and this setting is about the best; None: not tried
     reached: float = np.nan  # error that 95 % of the probed lanes keep, by comparison with a finer march
     told: bool = True  # in results: not where a method that is not tried is the default
+    untried: str = "rows"  # where it is not tried: what it is chosen for
 
     @property
     def method(self) -> Choices:
@@ -114,8 +115,8 @@ class Choice:
     def __str__(self) -> str:
         if self.promised is None:
             levels = "from 1e-03 on" if self.accuracy >= COARSE_ACCURACY else "below 1e-03"
-            method = f"{self.setting.tableau} marches rows for every accuracy {levels}"
-            return f"accuracy {self.accuracy:.0e}: not examined for rows, and maybe missed; {method}"
+            method = f"{self.setting.tableau} marches {self.untried} for every accuracy {levels}"
+            return f"accuracy {self.accuracy:.0e}: not examined for {self.untried}, and maybe missed; {method}"
         product = "" if self.setting.order else " (omega_max h)"
         text = f"accuracy {self.accuracy:.0e}: {self.setting}{product}, {self.steps} steps a period"
         if self.promised:
@@ -124,11 +125,23 @@ class Choice:
         return f"{text}; not to be had: {best}, as impacts multiply errors and flat contact drops its rocking"
 
 
-def choice_for_rows(accuracy: str | float, told: bool) -> Choice:
-    """The method of rows of blades for an accuracy: one of two, and no trial says whether it is kept."""
+def is_tried(scene: Scene) -> bool:
+    """Whether methods are tried on a scene for an accuracy: on a pair whose corners touch."""
+    return scene.row is None and scene.contact.points is None
+
+
+def choice_without_trial(accuracy: str | float, told: bool, scene: Scene) -> Choice:
+    """The method of rows of blades, and of faces of points: one of two, and no trial says whether an accuracy is kept.
+
+    Args:
+        accuracy: The accuracy.
+        told: Whether it was asked for.
+        scene: What it is for, of which `is_tried` is false.
+    """
     level = accuracy_level(accuracy)
     name = "tsit5" if level >= COARSE_ACCURACY else "dopri8"
-    return Choice(level, Setting(name, "cubic", "float64", np.nan), None, promised=None, told=told)
+    untried = "rows" if scene.row is not None else "faces of several points"
+    return Choice(level, Setting(name, "cubic", "float64", np.nan), None, promised=None, told=told, untried=untried)
 
 
 ACCURACY = "balanced"  # unless an argument or the scene file says how to march

@@ -38,6 +38,7 @@ OVERDAMPED = 1.0  # damping ratio
 # is a bend that blades with such blocks do not take; at resonance, which contact is there to prevent, half a side is.
 MAX_AMPLITUDE_SIDES, MAX_RESONANT_SIDES = 0.1, 0.5
 MAX_SLIDE_FACES = 0.5  # slide of the free faces over their length: corners then pass the other face's ends
+MAX_PARALLEL = 0.1  # displacement of a corner by the free rotation, over the approach of the free faces
 MAX_PRESSED = 0.1  # displacement of a block by interference alone, over its free amplitude
 MAX_ANGLE = np.radians(10.0)  # of a free block; the springs of torsion are linear, and runs end at 45 degrees
 MIN_MARGIN = (
@@ -54,8 +55,11 @@ def doubts_of(sheet: DataSheet, scene: Scene) -> Iterator[str]:
     yield from _damping_doubts(sheet)
     yield from _resonance_doubts(sheet)
     if scene.parts.contact != "none":
+        yield from _mean_load_doubts(sheet)
         yield from _interference_doubts(sheet)
         yield from _doubts_of_interfaces(sheet, float(scene.shroud.l_ab))
+    if scene.parts.contact == "spring" and scene.contact.points is None:
+        yield from _corner_doubts(sheet)
 
 
 def _torsion_doubts(sheet: DataSheet, scene: Scene) -> Iterator[str]:
@@ -73,6 +77,17 @@ def _torsion_doubts(sheet: DataSheet, scene: Scene) -> Iterator[str]:
         yield f'I is {ratio}; I = "block" in a file gives that'
 
 
+def _corner_doubts(sheet: DataSheet) -> Iterator[str]:
+    """Nearly parallel faces of light blocks, between which a single corner switches from end to end."""
+    if "theta" not in sheet.coordinates or max(sheet.inertia) > MAX_INERTIA_RATIO:
+        return
+    corner, approach = max(sheet.corner), max([sheet.approach, *sheet.approaches])
+    if corner < MAX_PARALLEL * approach < np.inf:
+        turned = f"M_0 turns corners by {corner * 1e3:.3g} mm where the free faces approach by {approach * 1e3:.3g} mm"
+        cure = "[contact] points = 2, or more, lets them touch at both ends"
+        yield f"the faces stay nearly parallel, and a single corner switches from end to end: {turned}; {cure}"
+
+
 def _amplitude_doubts(sheet: DataSheet, side: float) -> Iterator[str]:
     for name, coordinate in sheet.coordinates.items():
         moved, resonant = max(coordinate.amplitude), max(coordinate.resonant)
@@ -86,6 +101,14 @@ def _amplitude_doubts(sheet: DataSheet, side: float) -> Iterator[str]:
         yield f"{MOTION_NAMES[name]}: a free block moves by {reach}: check F_0 and the damping"
 
 
+def _mean_load_doubts(sheet: DataSheet) -> Iterator[str]:
+    """Mean loads that part the faces of every interface."""
+    reach = sheet.approach + 2 * max(sheet.corner)
+    if sheet.static_gaps and min(sheet.static_gaps) > reach:
+        opened = f"{min(sheet.static_gaps) * 1e3:.3g} mm, and the free faces approach by {reach * 1e3:.3g} mm"
+        yield f"under the mean loads every contact is open: the least gap is {opened}; check their signs"
+
+
 def _interference_doubts(sheet: DataSheet) -> Iterator[str]:
     """Interference that displaces a block by more than a tenth of its free amplitude."""
     bent = [sheet.coordinates[name].amplitude for name in ("x", "y") if name in sheet.coordinates]
@@ -95,7 +118,8 @@ def _interference_doubts(sheet: DataSheet) -> Iterator[str]:
         at = int(np.argmax(np.where(beyond, pressed, 0.0)))
         share = f"{100 * pressed[at] / free[at]:.3g} % of its free amplitude" if free[at] else "which nothing drives"
         yield (
-            f"interference alone displaces a block by {pressed[at] * 1e3:.3g} mm, {share}: P_d counts that as "
+            f"{'mean loads press' if sheet.static_gaps else 'interference alone displaces'} a block "
+            f"{'aside ' if sheet.static_gaps else ''}by {pressed[at] * 1e3:.3g} mm, {share}: P_d counts that as "
             "vibration, P_d_vibration does not"
         )
 
@@ -116,10 +140,12 @@ def _resonance_doubts(sheet: DataSheet) -> Iterator[str]:
     )
     is_free = lambda mode: any(np.isclose(mode.frequency, other.frequency, SAME_FREQUENCY, 0) for other in apart)
     for modes in (apart, [mode for mode in stuck if not is_free(mode)]):
-        yield from _resonance_doubt(sheet.drive, modes)
+        for order in sheet.harmonics:
+            name = "the drive" if order == 1 else f"harmonic {order} of the drive"
+            yield from _resonance_doubt(name, order * sheet.drive, modes)
 
 
-def _resonance_doubt(drive: float, modes: Sequence[NaturalMode]) -> Iterator[str]:
+def _resonance_doubt(which: str, drive: float, modes: Sequence[NaturalMode]) -> Iterator[str]:
     nearest = min(modes, key=lambda mode: abs(np.log(drive / mode.frequency)), default=None)
     if nearest is None:
         return
@@ -127,10 +153,10 @@ def _resonance_doubt(drive: float, modes: Sequence[NaturalMode]) -> Iterator[str
     if abs(margin) <= nearest.zeta < OVERDAMPED:
         band = f"half-power band, {2 * nearest.zeta:.2g} of the frequency"
         limit = "damping alone limits" if nearest.zeta else "nothing but contact limits"
-        yield f"the drive is at the resonance of {name}, within its {band}: {limit} the motion"
+        yield f"{which} is at the resonance of {name}, within its {band}: {limit} the motion"
     elif abs(margin) < MIN_MARGIN:
         side = "above" if margin > 0 else "below"
-        yield f"the drive is {100 * abs(margin):.2g} % {side} {name}: small changes of either decide the motion"
+        yield f"{which} is {100 * abs(margin):.2g} % {side} {name}: small changes of either decide the motion"
 
 
 def _doubts_of_interfaces(sheet: DataSheet, face: float) -> Iterator[str]:
@@ -155,6 +181,8 @@ def _contact_doubts(sheet: DataSheet, face: float) -> Iterator[str]:
     if MAX_SLIDE_FACES * face < sheet.slide < np.inf:
         slid = f"{sheet.slide * 1e3:.3g} mm, {sheet.slide / face:.2g} of their length"
         yield f"the free faces slide by {slid}: they pass each other's ends, where contact is taken to go on"
+    if sheet.static_gaps:
+        return
     if sheet.gap > sheet.approach + sum(sheet.corner):
         yield "the free blades do not come near enough to touch: contact, if any, comes from the start alone"
 
@@ -178,7 +206,8 @@ def check(
     Args:
         scene: One scene, or a scene file.
         engine_orders: Engine orders whose crossings with natural frequencies are told; by default the scene's own and
-            1 to 6. Where the scene tells only the frequency of its drive, its own is the first one, by default 1.
+            1 to 6. Where the scene tells only the frequency of its drive, its own is the first one, by default 1. Those
+            of all harmonics of the drive are among them.
         start: Where the range of speeds begins [rad/s].
         stop: Where it ends; by default beyond the scene's own speed and the lowest natural frequencies.
 
@@ -206,16 +235,18 @@ def check(
     arrays = jax.tree.map(np.asarray, scene)
     free, k, gyration_of_block, lever, system, load = jax.tree.map(np.asarray, _free_and_touching(scene))
     b, s = arrays.mistuned_blades, arrays.shroud
-    gaps, k = np.atleast_1d(s.gap), np.atleast_1d(k)
+    k = np.atleast_1d(k)
+    gaps = np.atleast_1d(s.gap) - _closed_by_mean_loads(free, float(s.alpha), np.size(s.gap))
     across, along = _relative_motions(free, float(s.alpha), len(gaps))
     nearest = int(np.argmax(across))
     modes = modes_of(arrays, k, system, load)
     sheet = DataSheet(
         coordinates=_free_coordinates(arrays, free),
         drive=float(arrays.drive.omega) / RAD_PER_CYCLE,
-        gap=float(gaps.min()),
+        gap=float(np.min(s.gap)),
+        **({"static_gaps": _floats(gaps)} if 0 in free else {}),
         approach=float(across[nearest]) / math.sin(s.alpha),
-        corner=_floats(lever * free_reach(free, "theta")),
+        corner=_floats(lever * free_reach(_without_mean(free), "theta")),
         inertia=_floats(b.I / (b.m * gyration_of_block)),
         gamma=float(k[0] / arrays.blades.k_x[0]),
         omega_max=stiffest(scene, 0)[0],
@@ -248,6 +279,9 @@ def _over_speed(
     own, omega = engine_order_of(scene), float(scene.drive.omega)
     orders = _checked_orders(given, own)
     drive_order = own or orders[0]
+    excited = [n for n in scene.drive.harmonics() if n > 0]
+    if excited != [1]:
+        orders = list(dict.fromkeys([*orders, *(n * drive_order for n in excited)]))
     speed = omega / drive_order
     reached = modes if scene.row is None else [mode for mode in modes if mode.driven > LEAST_DRIVEN] or modes
     stop = _end_of_range(reached, omega, speed) if stop is None else float(stop)
@@ -256,6 +290,7 @@ def _over_speed(
     orders = tuple(sorted(orders))
     return {
         **{"drive_order": drive_order, "is_own_order": own is not None, "engine_orders": orders},
+        "harmonics": tuple(excited),
         **{"speed": speed, "start": float(start), "stop": stop},
         "crossings": crossings_between(modes, orders, speed, start, stop, scene.layout),
     }
@@ -279,8 +314,22 @@ def _relative_motions(free: dict[int, Amplitudes], alpha: float, interfaces: int
 
     Those of all harmonics of the drive are added.
     """
-    across, along = np.sum([_relative_amplitudes(one, alpha, interfaces) for one in free.values()], axis=0)
+    sines = _without_mean(free).values()
+    across, along = np.sum([_relative_amplitudes(one, alpha, interfaces) for one in sines], axis=0)
     return across, along
+
+
+def _without_mean(free: dict[int, Amplitudes]) -> dict[int, Amplitudes]:
+    """The amplitudes without the static displacement under mean loads."""
+    return {n: one for n, one in free.items() if n > 0}
+
+
+def _closed_by_mean_loads(free: dict[int, Amplitudes], alpha: float, interfaces: int) -> np.ndarray:
+    """By how much mean loads reduce each gap without contact and rotation [m], (interfaces,)."""
+    if 0 not in free:
+        return np.zeros(interfaces)
+    x, y = (np.imag(a) - np.roll(np.imag(a), -1) for a in (free[0].x, free[0].y))
+    return np.asarray(x - y / math.tan(alpha))[:interfaces]
 
 
 def _relative_amplitudes(free: Amplitudes, alpha: float, interfaces: int) -> tuple[np.ndarray, np.ndarray]:
@@ -325,9 +374,10 @@ def _end_of_range(modes: Sequence[NaturalMode], omega: float, speed: float) -> f
 
 
 def _free_coordinates(arrays: Scene, free: dict[int, Amplitudes]) -> dict[str, Coordinate]:
-    b, load = arrays.mistuned_blades, arrays.drive.largest_load
+    b, sines = arrays.mistuned_blades, [one for n, one in arrays.drive.harmonics().items() if n > 0]
+    load, moving = lambda name: np.sum([abs(one.load(name)) for one in sines], axis=0), _without_mean(free)
     oscillators = {"x": (b.m, b.c_x, b.k_x), "y": (b.inertia_y, b.c_y, b.k_y), "theta": (b.I, b.c_T, b.k_T)}
-    return {name: _coordinate(oscillators[name], load(name), free_reach(free, name)) for name in arrays.parts.motion}
+    return {name: _coordinate(oscillators[name], load(name), free_reach(moving, name)) for name in arrays.parts.motion}
 
 
 def _coordinate(oscillator: tuple[Any, Any, Any], load: np.ndarray, amplitude: np.ndarray) -> Coordinate:

@@ -24,6 +24,7 @@ from jaxshroud.results.gradient import Gradient
 from jaxshroud.results.orbit import Orbit
 from jaxshroud.scene.checks import InputError, count_argument, positive_argument, seed_argument
 from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.quantities import Quantity, check_quantity, is_reduction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
@@ -42,7 +43,7 @@ def gradient(
     scene: Scene | SceneFile,
     wrt: str | Sequence[str],
     *,
-    of: Quantity = "P_d",
+    of: Quantity | None = None,
     orbit: Orbit | None = None,
     sigma: float = 0.01,
     pairs: int = 128,
@@ -67,9 +68,10 @@ def gradient(
         wrt: Keys as for `vary`; without an index all blades, or interfaces, change together, by the same amount even
             where they differ. One blade of a row is named as in `row.mistuning[3]`. "all": every number on which the
             motion may depend; see `Gradient.effects`.
-        of: The quantity to differentiate: "P_d", "P", or an amplitude as `sweep` keeps them: "x_mean", "x_rms",
-            "x_peak", and those of y and theta. They are those of the left blade; of a row P_d and P are those of all
-            blades together, "P_d_worst" is that of the blade that gains the least, and amplitudes are the largest.
+        of: The quantity to differentiate, by default P_d, and of a scene with a mean load or interference
+            P_d_vibration: "P_d", "P", or an amplitude as `sweep` keeps them: "x_mean", "x_rms", "x_peak", and those of
+            y and theta. They are those of the left blade; of a row P_d and P are those of all blades together,
+            "P_d_worst" is that of the blade that gains the least, and amplitudes are the largest.
         orbit: The orbit or orbits, if they are known already; their method is then the default.
         sigma: Standard deviation of the distribution, relative to the value of each parameter.
         pairs: Antithetic pairs of samples; all samples start from the scene's initial state.
@@ -124,6 +126,7 @@ def gradient(
         verb="gradient",
     )
     check_row(resolved.scene)
+    of = of or counted_reduction(resolved.scene)
     if isinstance(wrt, str):
         wrt = numbers_that_count(resolved.scene) if wrt == "all" else (wrt,)
     check_quantity(of, resolved.scene.parts, resolved.scene.layout)

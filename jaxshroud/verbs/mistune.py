@@ -199,6 +199,9 @@ def _state_of_contact(row: MistunedRow, linear: NaturalContact | None, direction
     """The state of contact of a linear row; None: it is marched."""
     if direction != "independent" and (linear is not None or row.scene.parts.contact == "none"):
         raise InputError(f'A linear row has one motion at each value, and no direction "{direction}"; leave it out.')
+    orders = [*row.scene.drive.harmonics()]
+    if len(orders) > 1 and (linear is not None or row.scene.parts.contact == "none"):
+        raise InputError(f"A linear row answers one harmonic, but its drive has those of orders {orders}; sweep it.")
     if row.scene.parts.contact != "none":
         return linear
     if linear not in (None, "apart"):

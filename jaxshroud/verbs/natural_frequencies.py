@@ -13,7 +13,9 @@ from jaxshroud.model.natural_modes import (
     drive_shares,
     natural_modes,
 )
+from jaxshroud.model.prepared import law_type
 from jaxshroud.results.data_sheet import NaturalMode
+from jaxshroud.scene.laws import Laws
 from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
@@ -52,16 +54,18 @@ def modes_of(
 
 def _contacts_of(scene: Scene, k: np.ndarray) -> list[NaturalContact]:
     """The states of contact that the model of a scene has."""
-    if scene.parts.contact == "none" or not np.any(k):
-        return ["apart"]
+    if scene.parts.contact == "none" or not np.any(k) or scene.contact.points is not None:
+        return ["apart"]  # those of faces of points are not told yet
     if not _has_friction(scene):
         return ["apart", "sliding"]
     return ["apart", "sliding", "stuck", *(["corner"] if "theta" in scene.parts.motion else [])]
 
 
 def _has_friction(scene: Scene) -> bool:
-    if scene.laws is not None:
+    if isinstance(scene.laws, Laws):
         return scene.laws.friction is not None
+    if scene.laws is not None:
+        return law_type(scene).has_stick
     return scene.parts.friction != "none" and bool(np.any((scene.friction.mu > 0) & (scene.friction.k_d > 0)))
 
 

@@ -13,7 +13,7 @@ from jaxshroud.io.scene_numbers import scene_differences
 from jaxshroud.io.variable import jax_lane_arrays
 from jaxshroud.march.method import Method, StepCount
 from jaxshroud.march.method_names import TABLEAUS
-from jaxshroud.model.prepared import State
+from jaxshroud.model.prepared import State, law_type
 from jaxshroud.scene.checks import DEFAULT_TRANSIENT, InputError, count_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
@@ -21,7 +21,7 @@ from jaxshroud.scene.schema import RunTable
 from jaxshroud.scene.text import text_of
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.arguments import check_verb, flatten_lanes, leading_axes, names_of
-from jaxshroud.verbs.asked import Asked, MethodArgument, accuracy_level, choice_for_rows
+from jaxshroud.verbs.asked import Asked, MethodArgument, accuracy_level, choice_without_trial, is_tried
 
 N_PERIODS = 64  # kept periods, unless the argument or the scene file says otherwise
 LaneVariable = tuple[tuple[str, ...], np.ndarray, dict[str, str]]  # dimensions, values, attributes
@@ -41,7 +41,7 @@ class ResolvedOptions(NamedTuple):
     @property
     def accuracy(self) -> float | None:
         """The accuracy that chooses the method: the one given, else the default; None where nothing is chosen."""
-        return self.asked.level if self.scene.parts.contact == "spring" else None
+        return self.asked.level if _is_examined(self.scene) else None
 
     @property
     def lanes(self) -> Scene:
@@ -61,7 +61,8 @@ class ResolvedOptions(NamedTuple):
         """
         if state is None:
             return initial_states(lanes)
-        without_interfaces = np.ndim(state.u_s) - len(lanes.layout.interface_shape)
+        of_contact = len(lanes.layout.interface_shape) + (lanes.contact.points is not None)
+        without_interfaces = np.ndim(state.u_s) - of_contact
         shape = np.shape(state.u_s)[:without_interfaces]
         precise: State = in_precision(state, "float64" if lanes.drive.omega.dtype == float else "float32")
         if shape and shape != self.shape:
@@ -129,9 +130,15 @@ def resolve_options(
     count_argument("n_periods", n_periods, 1)
     count_argument("transient", transient, 0)
     shape = leading_axes(scenes)
-    if isinstance(method, str | float) and scenes.row is not None and scenes.parts.contact == "spring":
-        warnings.warn(str(choice_for_rows(method, told=True)), AccuracyWarning, stacklevel=4)
+    if isinstance(method, str | float) and not is_tried(scenes) and _is_examined(scenes):
+        warnings.warn(str(choice_without_trial(method, True, scenes)), AccuracyWarning, stacklevel=4)
     return ResolvedOptions(scenes, shape, names_of(shape, dims), file, n_periods, transient, asked)
+
+
+def _is_examined(scene: Scene) -> bool:
+    """Whether an accuracy can choose a method for a scene; in closed form there is nothing to choose."""
+    law = law_type(scene)
+    return law.is_examined and law.has_events
 
 
 def _asked(method: MethodArgument) -> Asked:
@@ -147,7 +154,7 @@ def _with_file(asked: Asked, run: RunTable, scenes: Scene) -> Asked:
     """The same, with the [run] of a scene file where the argument does not say it."""
     if asked.accuracy is not None or asked.steps is not None or asked.plan is not None:
         return asked
-    chooses = asked.method is None and run.accuracy is not None and scenes.parts.contact == "spring"
+    chooses = asked.method is None and run.accuracy is not None and _is_examined(scenes)
     level = accuracy_level(run.accuracy) if chooses else None
     return asked._replace(steps=run.steps_per_period, accuracy=level, by_argument=False)
 

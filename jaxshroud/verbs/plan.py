@@ -16,12 +16,13 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from jaxshroud.batch.marches import require_march
+from jaxshroud.batch.marches import march_of, require_march
 from jaxshroud.batch.periods import LANES_PER_CALL
-from jaxshroud.batch.runs import stepping_method
 from jaxshroud.io.lane_status import AccuracyWarning
 from jaxshroud.march.method import FAST, Choices, Method, choices, method_of
 from jaxshroud.march.stability import steps_for, stiffest, stiffness_ratio
+from jaxshroud.model.contact_law import ContactLaw
+from jaxshroud.model.prepared import law_type
 from jaxshroud.orbits.short_runs import (
     HORIZON,
     end_states,
@@ -32,7 +33,16 @@ from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import FloatArray, typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.signals.averages import least_tilt
-from jaxshroud.verbs.asked import ACCURACY, Asked, Choice, MarchPlan, Setting, accuracy_level, choice_for_rows
+from jaxshroud.verbs.asked import (
+    ACCURACY,
+    Asked,
+    Choice,
+    MarchPlan,
+    Setting,
+    accuracy_level,
+    choice_without_trial,
+    is_tried,
+)
 from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 
 STIFFNESS_CLASSES = (1.5, 4.0, 12.0, np.inf)  # upper bounds of omega_max over the largest frequency without contact
@@ -235,7 +245,7 @@ def plan_march(resolved: ResolvedOptions, lanes: Scene, usual: Choices, **trials
         return MarchPlan(choice.steps, method, choice)
     # the method was not chosen for these lanes: is it stable here?
     lanes = in_precision(without_given(lanes), method.precision)
-    steps = steps_for(lanes, 1, resolved.asked.given_steps, stepping_method(lanes, method))
+    steps = steps_for(lanes, 1, resolved.asked.given_steps, march_of(lanes).stepping(method))
     return MarchPlan(steps, method, choice)
 
 
@@ -253,16 +263,16 @@ def choose_method(
     Raises:
         InputError: An accuracy is requested for smooth contact or for own laws, or power series for a row.
     """
-    asked, contact = resolved.asked, lanes.parts.contact
-    _refuse_accuracy(asked, contact)
+    asked, law = resolved.asked, law_type(lanes)
+    _refuse_accuracy(asked, law)
     if asked.plan is not None:
         method, choice = asked.plan.method, asked.plan.choice
     elif asked.method is not None:
         method, choice = choices(asked.method), None
     elif resolved.accuracy is None:
         method, choice = usual, None
-    elif lanes.row is not None:
-        chosen = choice_for_rows(resolved.accuracy, told=asked.by_argument)
+    elif not is_tried(lanes):
+        chosen = choice_without_trial(resolved.accuracy, asked.by_argument, lanes)
         method, choice = chosen.method, None if asked.says_nothing else chosen
     else:
         ends = trials.get("ends") or partial(end_states, ledger=usual.ledger, vibration=usual.vibration)
@@ -272,19 +282,20 @@ def choose_method(
         choice = choose(without_given(lanes), 1, resolved.accuracy, lane_periods=work, ends=ends)
         method = choice.method
     require_march(lanes, method)
-    return _recording(method, usual, contact), choice
+    return _recording(method, usual, law), choice
 
 
-def _refuse_accuracy(asked: Asked, contact: str) -> None:
+def _refuse_accuracy(asked: Asked, law: type[ContactLaw]) -> None:
     """Raise InputError where an accuracy is asked for that cannot be had."""
-    if contact in ("smooth", "own") and (asked.accuracy is not None or (asked.plan and asked.plan.choice)):
-        kind = "smooth contact" if contact == "smooth" else "own laws"
-        raise InputError(f"An accuracy can be had for located contact, not for {kind}; give js.RungeKutta(steps=...).")
+    if not law.is_examined and (asked.accuracy is not None or (asked.plan and asked.plan.choice)):
+        raise InputError(
+            f"An accuracy can be had for located contact, not for {law.called}; give js.RungeKutta(steps=...)."
+        )
 
 
-def _recording(method: Choices, usual: Choices, contact: str) -> Choices:
-    """The method that records what the usual one does, and the energy balance with own laws, as their only check."""
-    ledger = usual.ledger or contact == "own"
+def _recording(method: Choices, usual: Choices, law: type[ContactLaw]) -> Choices:
+    """The method that records what the usual one does, and the energy balance of laws that have no other check."""
+    ledger = usual.ledger or law.may_create_energy
     return usual._replace(tableau=method.tableau, locate=method.locate, precision=method.precision, ledger=ledger)
 
 

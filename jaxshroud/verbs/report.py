@@ -22,6 +22,7 @@ from jaxshroud.scene.checks import InputError, NumericalError, count_argument, s
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.layout import PAIR, SINGLE_DIRECTIONS
+from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.quantities import RequiredReduction, check_quantity
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import T, typed
@@ -186,7 +187,7 @@ def report(
         scatters: Keys of numbers that scatter, each with a half width or bounds; see `scatter`.
         conditions: Keys of operating conditions, each with its values; all combinations count.
         of: The reduction that is judged: "P_d", or of a row "P_d_worst", that of its worst blade; by default that of
-            the tuning, else "P_d".
+            the tuning, else "P_d", and where there is a mean load or interference "P_d_vibration".
         at_least: P_d, or P_d_worst, [percent] required in every condition, and with 95 % probability under the scatter.
         most_force: Largest allowed normal force of the contact [N].
         most_penetration: Largest allowed penetration [m].
@@ -222,7 +223,7 @@ def report(
     limits = Limits(at_least, most_force, most_penetration)
     limits, bounds, conditions = report_request(design, limits, scatters or {}, conditions or {}, tuned, of)
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
-    judged_by = of or _reduction_of(tuned)
+    judged_by = of or _reduction_of(tuned, design)
     check_report(design, resolved, limits, bounds, conditions, (draws, starts, seed), judged_by)
     lanes, blades = len(SINGLE_DIRECTIONS) * max(GAPS, ZOOMS * VALUES), design.layout.blades
     check_size(lanes, resolved.transient, resolved.n_periods, blades=blades)
@@ -239,9 +240,9 @@ def report(
     return Report(title, verdict, reasons, *results, *motions, sections, data.findings.diagnosis)
 
 
-def _reduction_of(tuned: Tuned | None) -> RequiredReduction:
+def _reduction_of(tuned: Tuned | None, design: Scene) -> RequiredReduction:
     """The reduction that is judged where no argument names it."""
-    return "P_d_worst" if tuned is not None and tuned.quantity == "P_d_worst" else "P_d"
+    return "P_d_worst" if tuned is not None and tuned.quantity == "P_d_worst" else counted_reduction(design)
 
 
 def _problem(design: Scene, conditions: Conditions, limits: Limits) -> Problem:

@@ -18,6 +18,7 @@ from jaxshroud.scene.checks import InputError, Precision, count_argument, seed_a
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.layout import Layout
+from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.quantities import Quantity, amplitude_of, check_only_P_d, counted_amplitude, is_reduction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
@@ -43,7 +44,7 @@ def scatter(
     scatters: Mapping[str, Spread],
     *,
     conditions: Mapping[str, Sequence[float]] | None = None,
-    of: Quantity = "P_d",
+    of: Quantity | None = None,
     at_least: float | None = None,
     draws: int = 256,
     seed: int = 0,
@@ -67,8 +68,9 @@ def scatter(
         conditions: Operating conditions: keys with their values in SI units. Every draw is run in all combinations, and
             its P_d is the least of them, another quantity the largest. A condition that scatters does so about each of
             its values, in proportion to its value in the scene.
-        of: "P_d", "P", or an amplitude of the left blade, "x_peak" or another of `gradient`; of a row P_d and P of all
-            blades, "P_d_worst" of the blade that gains the least, or the largest RMS value or peak.
+        of: By default P_d, and of a scene with a mean load or interference P_d_vibration: "P_d", "P", or an amplitude
+            of the left blade, "x_peak" or another of `gradient`; of a row P_d and P of all blades, "P_d_worst" of the
+            blade that gains the least, or the largest RMS value or peak.
         at_least: P_d, or P_d_worst, [percent] whose probability is computed.
         draws: Rows of each of the two sample matrices, rounded up to a power of 2; there are (2 + keys) times as many
             runs in every condition.
@@ -104,6 +106,7 @@ def scatter(
     """
     nominal = one_scene("scatter", scene)
     check_row(nominal)
+    of = of or counted_reduction(nominal)
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
     for key, of_condition in (conditions or {}).items():
         check_condition(key, of_condition, nominal.layout)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxshroud.results.attractors import share_interval
 from jaxshroud.results.tuned import HalfWidth
 from jaxshroud.scene.checks import InputError, count_argument
-from jaxshroud.scene.keys import ROW_KEYS, find_key
+from jaxshroud.scene.keys import ROW_KEYS, find_key, key_stem
 from jaxshroud.scene.layout import PAIR, Layout
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import is_number
@@ -161,7 +161,8 @@ def check_overlap(scattering: Scattering, keys: Sequence[str]) -> None:
     all_keys = [*keys, *(key for key in scattering.keys if key not in keys)]
     for key in scattering.keys:
         for other in all_keys:
-            if key != other and key.partition("[")[0] == other.partition("[")[0] and not ("[" in key and "[" in other):
+            stem = key_stem(key)
+            if key != other and stem == key_stem(other) and stem in (key, other):
                 raise InputError(f"{key} and {other} are partly the same number; name the blades' numbers one by one.")
 
 

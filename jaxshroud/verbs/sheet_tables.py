@@ -108,9 +108,10 @@ def lines_of(sheet: DataSheet) -> dict[str, str]:
     turned = f"{_texts_of(sheet.corner, 1e3)} mm by rotation at corners"
     approach = f"{_length_text(sheet.approach)} by translation, {turned}"
     lines = {
-        "drive": f"{sheet.drive:.5g} Hz",
+        "drive": f"{sheet.drive:.5g} Hz{_harmonics_text(sheet)}",
         "speed": _speed_text(sheet),
         "gap": f"{_gap_text(sheet)} mm; the free blades approach by {approach}",
+        **({"static gap": f"{_texts_of(sheet.static_gaps, 1e3)} mm under the mean loads"} if sheet.static_gaps else {}),
         "inertia": f"{_texts_of(sheet.inertia)} times that of a uniform block",
         "contact": f"gamma = k / k_x = {_texts_of(sheet.gammas) if sheet.gammas else f'{sheet.gamma:.4g}'}",
         "stiffest motion": f"{sheet.omega_max / math.tau:.5g} Hz; {sheet.steps} steps a period (auto, rk4)",
@@ -124,6 +125,13 @@ def _crossing_row(speed: str, crossings: Sequence[Crossing]) -> list[str]:
     first, *_ = sorted(crossings, key=lambda crossing: crossing.contact)
     contacts = dict.fromkeys(CONTACT_NAMES[crossing.contact] for crossing in (first, *crossings))
     return [first.mode, ", ".join(contacts), f"{first.engine_order:g}", speed, f"{first.margin:+.1f}"]
+
+
+def _harmonics_text(sheet: DataSheet) -> str:
+    """The orders of the harmonics of the drive; empty where it has the first one alone."""
+    if sheet.harmonics == (1,):
+        return ""
+    return f", with harmonics of order {', '.join(map(str, sheet.harmonics))}"
 
 
 def _speed_text(sheet: DataSheet) -> str:

@@ -17,6 +17,7 @@ from jaxshroud.scene.checks import InputError, SceneError, did_you_mean
 from jaxshroud.scene.designs import Designs, read_designs
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import Layout, require_capability
+from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.signals.amplitudes import check_vibration
@@ -34,7 +35,7 @@ def table(
     scene: Scene | SceneFile,
     designs: object,
     *,
-    by: str = "P_d",
+    by: str | None = None,
     n_periods: int | None = None,
     transient: int | None = None,
     method: MethodArgument = None,
@@ -49,10 +50,11 @@ def table(
             is a key and, in brackets, a unit: "shroud.gap [mm]", "drive.speed [rpm]", "blades.m[0] [g]"; without one
             numbers are in SI units. Cells are numbers, or texts with a unit of their own. A variable of a Dataset may
             have its unit as attribute `units`. Other columns, such as names, are carried along.
-        by: The number by which designs are ranked: the largest P_d (in rows of blades also `P_d_worst`), or the
-            smallest amplitude (`x_peak`, `theta_rms` and so on; the largest one of all blades) or load (`N_max`,
-            `v_max`, `friction_work`, `slip`, `archard`, `impacts`, `F_max`, `approach_max`, `impulse_max`; of rows of
-            blades the largest one of all interfaces).
+        by: The number by which designs are ranked; by default P_d, and where there is a mean load or interference
+            P_d_vibration: the largest of these (in rows of blades also `P_d_worst`), or the smallest amplitude
+            (`x_peak`, `theta_rms` and so on; the largest one of all blades) or load (`N_max`, `v_max`, `friction_work`,
+            `slip`, `archard`, `impacts`, `F_max`, `approach_max`, `impulse_max`; of rows of blades the largest one of
+            all interfaces).
         n_periods: Drive periods kept; by default 64.
         transient: Drive periods run and discarded first; by default 64.
         method: How to march: a method, or the accuracy that chooses one for all rows; see `method_for`.
@@ -82,10 +84,11 @@ def table(
         >>> found.rank.shape, found.x_peak.shape
         ((2,), (2, 2))
     """
+    base = one_scene("table", scene)
+    by = by or counted_reduction(base)
     if by not in RANKED_BY:
         known = ", ".join(RANKED_BY)
         raise InputError(f"Argument `by` must be one of {known}, but is {by!r}{did_you_mean(by, RANKED_BY)}")
-    base = one_scene("table", scene)
     check_ranking(by, base)
     rows = designs if isinstance(designs, Designs) else checked_designs(designs, base)
     scenes = rows.scenes(base)

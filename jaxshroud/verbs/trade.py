@@ -16,6 +16,7 @@ from jaxshroud.batch.states import initial_states
 from jaxshroud.march.method import FAST, Method, choices
 from jaxshroud.march.stability import steps_for
 from jaxshroud.model.modes import Status
+from jaxshroud.model.prepared import law_type
 from jaxshroud.orbits.short_runs import (
     HORIZON,
     ShortRuns,
@@ -26,7 +27,7 @@ from jaxshroud.orbits.short_runs import (
     state_errors,
 )
 from jaxshroud.results.trade import MeasuredSetting, Trade
-from jaxshroud.scene.checks import count_argument, seed_argument
+from jaxshroud.scene.checks import InputError, count_argument, seed_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.scene import Scene
@@ -238,6 +239,8 @@ def trade(
     scene = one_scene("trade", scene)
     check_size(lanes, transient, n_periods)
     check_vibration("P_d", scene)
+    if scene.parts.contact not in SETTINGS:
+        raise InputError(f"`trade` has no reference for {law_type(scene).called}; compare powers by js.power.")
     settings = SETTINGS[scene.parts.contact] if methods is None else [GivenMethod(one) for one in methods]
     return measure_settings(scene, settings, lanes, seed, n_periods, transient, progress)
 

@@ -17,6 +17,7 @@ from jaxshroud.results.tuned import DesignJudgement, Tuned
 from jaxshroud.scene.checks import InputError, NumericalError, seed_argument
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.quantities import Quantity, amplitude_of, check_only_P_d
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import text_of
@@ -56,7 +57,7 @@ def tune(
     *,
     conditions: Mapping[str, Sequence[float]] | None = None,
     goal: Goal = "mean",
-    of: Quantity = "P_d",
+    of: Quantity | None = None,
     most_penetration: float = np.inf,
     most_force: float = np.inf,
     scatters: Mapping[str, float | str] | None = None,
@@ -90,11 +91,12 @@ def tune(
         conditions: Operating conditions: keys with their values in SI units; every combination is simulated.
         goal: "mean": the mean of P_d over the conditions; "worst": its least value. Likewise for the reduction of
             another quantity, whose worst value is the largest.
-        of: "P_d", in a row also "P_d_worst", or what is to be small: "P", or an amplitude of the left blade, "x_peak"
-            or another of `gradient` (of a mean its magnitude; of a row no mean). It is judged by its reduction in
-            percent below `Tuned.free`, a constant: P_0 of the scene, or its RMS displacement without contact. This
-            reduction is then meant by P_d everywhere; `Tuned.level` is the quantity itself. Slopes of peaks are taken
-            across a neighbourhood.
+        of: By default P_d, and of a scene with a mean load or interference P_d_vibration, of which no coexisting
+            motions are looked for: "P_d", in a row also "P_d_worst", or what is to be small: "P", or an amplitude of
+            the left blade, "x_peak" or another of `gradient` (of a mean its magnitude; of a row no mean). It is judged
+            by its reduction in percent below `Tuned.free`, a constant: P_0 of the scene, or its RMS displacement
+            without contact. This reduction is then meant by P_d everywhere; `Tuned.level` is the quantity itself.
+            Slopes of peaks are taken across a neighbourhood.
         most_penetration: Largest allowed penetration in every condition, transients included [m].
         most_force: Largest allowed normal force of the contact, likewise [N].
         scatters: Keys of numbers that scatter uniformly, with half widths: a number in SI units, or a share of the
@@ -136,6 +138,7 @@ def tune(
     """
     nominal = one_scene("tune", scene)
     check_row(nominal)
+    of = of or counted_reduction(nominal)
     seed_argument(seed)
     for name, limit in dict(most_penetration=most_penetration, most_force=most_force).items():
         if not limit > 0:

@@ -27,6 +27,9 @@ from jaxshroud.march.guards import ContactNow, Guard, Guards
 from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.tableau import TaylorOptions
+from jaxshroud.model.arithmetic import where
+from jaxshroud.model.modes import Mode
+from jaxshroud.model.spring_contact import SpringContact
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.grids import scenes_at
 
@@ -154,6 +157,66 @@ def test_an_event_without_a_transition_does_not_change_the_motion(layout):
     # Control: where no event is located, the built-in ones are not either.
     unlocated = np.reshape(marched(layout, locate="none").samples.motion.x, true.shape)
     assert np.abs(unlocated - plain).max() > 1e-3 * np.abs(true).max()
+
+
+class Yielding(SpringContact):
+    """A spring that is half as stiff from the event `YIELDS` on, until contact ends: the mode is SLIP_MINUS then."""
+
+    def normal_force(self, v, mode):
+        return where(mode == Mode.APART, 0.0, where(mode == Mode.SLIP_MINUS, 0.5, 1.0) * self.k * v)
+
+    def stored_energy(self, v, w, mode):
+        return self.normal_force(v, mode) * v / 2
+
+
+YIELDS = Event(
+    "yields",
+    f"penetration beyond {DEEP} m of a stiff spring",
+    guard=lambda now: Guard(where(now.state.mode == Mode.SLIP_PLUS, now.at.v - DEEP, -1.0), now.rate.v),
+    transition=lambda _: jnp.int32(Mode.SLIP_MINUS),
+    forces_jump=lambda _: True,
+)
+
+
+def yielding_by_hand(k):
+    """The displacements of a pair at the end of each period, and how often its spring has yielded by then."""
+    m, k_x, c_x, gap, omega, lean = 0.08, 1e5, 3.57, 22e-6, 536.0, math.sin(math.pi / 3)
+    force, phase, h = 60.0 * math.cos(math.pi / 6), math.pi * np.arange(2), 2 * math.pi / omega / (10 * FINE)
+    z, yielded, times, found = np.zeros((2, 2)), False, 0, []
+    for i in range(PERIODS * 10 * FINE):
+        v = (z[0, 0] - z[0, 1] - gap) * lean
+        rises = not yielded and v > DEEP
+        times, yielded = times + rises, (yielded or rises) and v > 0
+
+        def slope(t, z, stiffness=k / 2 if yielded else k):
+            push = stiffness * max((z[0, 0] - z[0, 1] - gap) * lean, 0.0) * lean
+            total = force * np.sin(omega * t + phase) - k_x * z[0] - c_x * z[1] + push * np.array([-1, 1])
+            return np.array([z[1], total / m])
+
+        t, a = i * h, slope(i * h, z)
+        middle = slope(t + h / 2, z + h / 2 * a)
+        z = z + h * slope(t + h / 2, z + h / 2 * middle)  # third stage alone: the unlocated events err by more
+        if (i + 1) % (10 * FINE) == 0:
+            found.append((*z[0], times))
+    return np.array(found)
+
+
+def test_an_event_with_a_transition_changes_the_mode_and_the_forces():
+    soft = js.with_contact_law(scene_in("pair"), Yielding(2.5e5))
+    scenes = jax.tree.map(lambda a: jnp.asarray(a)[None], soft)
+    method = FAST._replace(events=(YIELDS,), ledger=True)
+    run = run_lanes(scenes, initial_states(scenes), Plan(0, PERIODS, STEPS, 0.0, method), lambda _: None)
+    true, samples = yielding_by_hand(2.5e5), run.samples
+    np.testing.assert_array_equal(samples.own["yields"].reshape(-1), true[:, 2])
+    x, size = samples.motion.x.reshape(PERIODS, 2), np.abs(true[:, :2]).max()
+    assert np.abs(x - true[:, :2]).max() < 2e-3 * size  # of the reference, whose events end with its steps
+    # The springs lose half of their energy at each event, which the balance counts.
+    lost = true[-1, 2] * 2.5e5 * DEEP**2 / 4
+    np.testing.assert_allclose(-samples.switched.sum(), lost, rtol=1e-6)
+    assert np.abs(samples.residual).max() < 1e-7 * samples.gross.max()
+    # Control: without the event it is the article's spring.
+    plain = run_lanes(scenes, initial_states(scenes), Plan(0, PERIODS, STEPS, 0.0, FAST), lambda _: None)
+    assert np.abs(plain.samples.motion.x.reshape(PERIODS, 2) - true[:, :2]).max() > 0.05 * size
 
 
 @pytest.mark.full

@@ -3,20 +3,18 @@
 It is defined here, and marches a pair and a row of three blades without a change of the package.
 """
 
-from functools import cache, partial
+from functools import cache
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.blocks import run_block
-from jaxshroud.batch.marches import PAIRS, ROWS
-from jaxshroud.batch.periods import Clock, Sample, at_start_of_period, one_call
+from jaxshroud.batch.periods import Sample
+from jaxshroud.batch.plan import Plan
+from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import initial_states
-from jaxshroud.batch.xla import best_mapping
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.arithmetic import ZERO, Scalar, where
@@ -31,8 +29,9 @@ from jaxshroud.model.contact_law import (
     linear_law,
 )
 from jaxshroud.model.modes import Mode, Status
-from jaxshroud.model.prepared import prepared_law
+from jaxshroud.model.prepared import law_type, prepared_law
 from jaxshroud.model.spring_contact import BilinearContact, after_friction, slip_mode, slip_sign
+from jaxshroud.scene.laws import Laws
 
 
 class CubicContact(ContactLaw):
@@ -118,7 +117,6 @@ SCENES = {
     "pair": ("table1", ()),
     "row of three": ("row_ring12", ("row.blades=3", "row.closed=false", "drive.engine_order=1")),
 }
-LAYOUTS = {"pair": PAIRS, "row of three": ROWS}
 
 
 def scene_of(layout: str) -> js.Scene:
@@ -126,25 +124,21 @@ def scene_of(layout: str) -> js.Scene:
     return js.vary(js.load(name, list(changes)).scene, "contact.gamma", 2.5)
 
 
+def with_law(layout: str, kind: type[CubicContact], stiffening: float) -> js.Scene:
+    """The scene with a cubic law whose straight spring and friction are those of the article's law."""
+    scene = scene_of(layout)
+    k, k_d, mu = (np.ravel(a)[0] for a in (scene.k, scene.friction.k_d, scene.friction.mu))
+    return js.with_contact_law(scene, kind(k, stiffening * k, k_d, mu))
+
+
 @cache
 def marched(layout: str, kind: type[ContactLaw] = CubicContact, stiffening: float = STIFFENING) -> Sample:
     """The samples of a lane whose law of contact is one of those above, or the article's."""
-    scenes = jax.tree.map(lambda a: jnp.asarray(a)[None], scene_of(layout))
-    way = LAYOUTS[layout]
-
-    def own(law: BilinearContact) -> ContactLaw:
-        return law if kind is BilinearContact else kind(law.k, stiffening * law.k, law.k_d, law.mu)
-
-    def constants(scenes):
-        models, periods = way.kernels.constants(scenes)
-        place = lambda model: (model.interfaces if layout != "pair" else model).law
-        return eqx.tree_at(place, models, own(place(models))), periods
-
-    lanes = way.begin(scenes, initial_states(scenes), METHOD)
-    march = partial(run_block, scenes, at_start_of_period(lanes), Clock.from_phase_0(STEPS), one_call(PERIODS), METHOD)
-    end, _, samples = march(PERIODS, best_mapping(), way.kernels._replace(constants=constants))
-    assert np.all(np.asarray(end.lanes.status) == Status.OK)
-    return way.sample(samples)
+    scene = with_law(layout, kind, stiffening) if issubclass(kind, CubicContact) else scene_of(layout)
+    scenes = jax.tree.map(lambda a: jnp.asarray(a)[None], scene)
+    run = run_lanes(scenes, initial_states(scenes), Plan(0, PERIODS, STEPS, 0.0, METHOD), lambda _: None)
+    assert np.all(np.asarray(run.last.status) == Status.OK)
+    return run.samples
 
 
 def imbalance(samples: Sample) -> float:
@@ -157,7 +151,7 @@ def furthest(a: Sample, b: Sample) -> float:
     return float(np.abs(a.motion.x - b.motion.x).max() / np.abs(b.motion.x).max())
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", SCENES)
 def test_the_energy_of_a_cubic_spring_balances(layout):
     assert imbalance(marched(layout)) < 1e-9
     # Control: without the energy of the cubic term in a contact that lasts at the end of a period or switches its case.
@@ -165,12 +159,27 @@ def test_the_energy_of_a_cubic_spring_balances(layout):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", SCENES)
 def test_without_the_cubic_term_it_is_the_articles_law(layout):
     article = marched(layout, BilinearContact)
     # Rounding, which every impact multiplies: 1e-9 in the row.
     assert furthest(marched(layout, CubicContact, 0.0), article) < 1e-7
     assert furthest(marched(layout), article) > 1e-3  # control
+
+
+def test_a_scene_with_a_law_of_its_own_is_like_any_other():
+    scene = with_law("pair", CubicContact, STIFFENING)
+    assert law_type(scene) is CubicContact
+    found = js.power(scene, n_periods=PERIODS, transient=0, method=js.RungeKutta("dop853", STEPS, locate="bisection"))
+    assert found.status == Status.OK
+    with pytest.raises(js.InputError, match="not own laws"):
+        js.simulate(scene, n_periods=1, method=js.Taylor())
+    with pytest.raises(js.InputError, match="not for own laws"):
+        js.simulate(scene, n_periods=1, method="balanced")
+    with pytest.raises(js.InputError, match=r"js\.with_laws"):
+        js.check_laws(scene)
+    with pytest.raises(js.InputError, match=r"js\.with_laws"):
+        js.with_contact_law(scene, Laws(js.Hertz(4e7)))
 
 
 def test_power_series_march_no_cubic_spring():

@@ -413,8 +413,8 @@ def test_every_public_function_of_scenes_knows_rows_or_refuses_them():
     functions = {name: f for name, f in public.items() if inspect.isfunction(f)}
     takes = lambda f: any("Scene" in str(of.annotation) for of in inspect.signature(f).parameters.values())
     of_scenes = {name for name, f in functions.items() if takes(f)}
-    # `with_laws` refuses them in words of its own, see above.
-    assert of_scenes == {*_verbs(), *KNOW_ROWS, "with_laws"}
+    # `with_laws` refuses them in words of its own, see above; `with_contact_law` is of rows too.
+    assert of_scenes == {*_verbs(), *KNOW_ROWS, "with_laws", "with_contact_law"}
 
 
 @pytest.mark.parametrize("verb", list(_verbs()))

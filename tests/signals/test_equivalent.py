@@ -172,3 +172,14 @@ def test_where_there_is_no_equivalent_the_reason_is_given(parts):
     assert np.isnan(found.k_n)
     assert np.isnan(found.P_d_stiffness)
     assert "it takes contact" in found.mechanism or found.mechanism == "Nothing is lost."
+
+
+def test_a_mean_load_is_no_contact():
+    apart = js.load("table1", ["shroud.gap=50 mm", "drive.F_x_mean=[5, -5]", "blades.c_x=100", "blades.c_y=200"]).scene
+    blades = linear_blades(one_lane(apart), 0)
+    np.testing.assert_array_equal(blades.mean, [[5.0, 0.0, 0.0], [-5.0, 0.0, 0.0]])
+    static, still = blades.mean / blades.k, np.zeros((2, 3))
+    rows = np.tile(np.concatenate([static.T.ravel(), still.ravel()]), (65, 1))
+    assert not equivalent_contact(blades._replace(drive=0 * blades.drive), rows, 64).touches
+    # Control: blades that do not feel it are held by a contact.
+    assert equivalent_contact(blades._replace(drive=0 * blades.drive, mean=still), rows, 64).touches

@@ -31,6 +31,7 @@ from jaxtyping import ArrayLike
 import jaxshroud as js
 from jaxshroud.batch import xla
 from jaxshroud.model.linear import free_power
+from jaxshroud.model.spring_contact import NoContact
 from jaxshroud.orbits.verdict_evidence import zero_one
 from jaxshroud.scene.checks import Error
 from jaxshroud.verbs.gradient import differences
@@ -179,6 +180,7 @@ def functions() -> dict[str, Target]:
         "tune": Target(js.tune, {"scene": one, "over": ends, **RUN}, True),
         "value_of": Target(js.value_of, {"scene": one, "key": "shroud.gap"}),
         "vary": Target(js.vary, {"scene": one, "key": "shroud.gap", "value": 1e-5}),
+        "with_contact_law": Target(js.with_contact_law, {"scene": one, "law": NoContact()}),
         "with_laws": Target(js.with_laws, {"scene": one, "normal": js.Hertz(4e7)}),
         "zero_one": Target(zero_one, {"series": axis, "near": 0.0}),
     }

@@ -1,0 +1,107 @@
+"""The tables [[drive.harmonic]] of a file as entries of its table [drive], `harmonic[1].F`, and the orders in them."""
+
+import math
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from jaxshroud.scene.keys import HARMONIC_ENTRY, SINGLE_LOADS
+from jaxshroud.scene.messages import fail, toml_text
+from jaxshroud.scene.optional import harmonic_count, require_number
+
+EXAMPLE = "[[drive.harmonic]] with order = 2, F = 20 and beta = 0.5"
+FileDocument = dict[str, Any]
+
+
+def flattened(document: FileDocument, where: str) -> FileDocument:
+    """The document of a file, changed in place, with its harmonics as entries of the table [drive].
+
+    Raises:
+        SceneError: They are no tables, or there is none.
+    """
+    drive = document.get("drive")
+    if not isinstance(drive, dict) or "harmonic" not in drive:
+        return document
+    harmonics = drive.pop("harmonic")
+    if not isinstance(harmonics, list) or not harmonics or not all(isinstance(one, dict) and one for one in harmonics):
+        fail(where, f"[drive] harmonic = {toml_text(harmonics)} must be a list of tables with keys, e.g. {EXAMPLE}")
+    for i, one in enumerate(harmonics):
+        drive |= {f"harmonic[{i}].{name}": value for name, value in one.items()}
+    return document
+
+
+def nested(tables: Mapping[str, Any]) -> dict[str, Any]:
+    """The tables of a file with its harmonics as tables [[drive.harmonic]]."""
+    drive = tables.get("drive")
+    if not isinstance(drive, Mapping) or not (count := harmonic_count(drive)):
+        return dict(tables)
+    harmonics: list[dict[str, Any]] = [{} for _ in range(count)]
+    plain = {}
+    for entry, value in drive.items():
+        match = HARMONIC_ENTRY.fullmatch(entry)
+        (plain if match is None else harmonics[int(match["index"])])[match["name"] if match else entry] = value
+    return {**tables, "drive": {**plain, "harmonic": harmonics}}
+
+
+def resolve_orders(document: FileDocument, name: str, overridden: Collection[tuple[str, str]] = ()) -> int:
+    """Replace engine orders of harmonics by their orders, in place; how many harmonics there are.
+
+    Where [drive] has no engine order, the greatest common divisor of those of the harmonics becomes it, in rows without
+    phases and beside a speed.
+
+    Raises:
+        SceneError: An order is no multiple of that of the drive, or two harmonics have one order.
+    """
+    drive = document.get("drive")
+    if not isinstance(drive, dict) or not (count := harmonic_count(drive)):
+        return 0
+    for entry in SINGLE_LOADS:
+        if entry in drive:
+            others = [f"drive.{other}" for other in drive if other != entry]
+            require_number(f"drive.{entry}", others, "--set" if ("drive", entry) in overridden else name)
+    of = [_own_engine_order(drive, i, name) for i in range(count)]
+    given = [order for order in of if order is not None]
+    if given:
+        base = drive.get("engine_order", _divisor(given, count, name))
+        if "engine_order" not in drive and ("speed" in drive or ("row" in document and "phase" not in drive)):
+            drive["engine_order"] = base
+        for i, order in enumerate(of):
+            if order is not None:
+                del drive[f"harmonic[{i}].engine_order"]
+                drive[f"harmonic[{i}].order"] = _multiple(order, base, i, name)
+    orders = [drive.get(f"harmonic[{i}].order") for i in range(count)]
+    for i, order in enumerate(orders):
+        if order in orders[:i] and order is not None:
+            fail(name, f"[[drive.harmonic]] {orders.index(order)} and {i} both have order {order}; make one of them")
+    return count
+
+
+def _own_engine_order(drive: FileDocument, i: int, where: str) -> int | None:
+    """The engine order of a harmonic; None where its order is given."""
+    order = drive.get(f"harmonic[{i}].engine_order")
+    if order is None:
+        return None
+    if f"harmonic[{i}].order" in drive:
+        fail(where, f"[[drive.harmonic]] {i} gives both `order` and `engine_order`; keep one of them")
+    if isinstance(order, bool) or not isinstance(order, int | float) or order == 0 or order % 1:
+        fail(where, f"[[drive.harmonic]] {i}: engine_order = {toml_text(order)} must be a whole number but 0, e.g. 8")
+    return int(order)
+
+
+def _divisor(orders: Collection[int], count: int, where: str) -> int:
+    """The engine order of a drive whose harmonics have these."""
+    if len(orders) < count:
+        fail(where, "[[drive.harmonic]]: some have an order and some an engine order; give drive.engine_order too")
+    return math.gcd(*orders) * (-1 if max(orders) < 0 else 1)
+
+
+def _multiple(order: int, base: Any, i: int, where: str) -> int:
+    """The order of a harmonic, from its engine order and that of the drive."""
+    is_number = isinstance(base, int | float) and not isinstance(base, bool) and base
+    multiple = order / base if is_number else 1  # what is no number is reported later
+    if multiple < 1 or multiple % 1:
+        fail(
+            where,
+            f"[[drive.harmonic]] {i}: engine_order = {order} is no whole multiple of drive.engine_order = {base}; "
+            "leave drive.engine_order out, or give a divisor of all",
+        )
+    return int(multiple)

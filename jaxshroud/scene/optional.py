@@ -1,0 +1,63 @@
+"""The numbers that a scene may be without: what stands for them, and how they are refused where nothing does."""
+
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any
+
+from jaxshroud.scene.checks import KeyNameError
+from jaxshroud.scene.keys import ALL_KEYS, HARMONIC_ENTRY, SINGLE_LOADS
+
+NO_WIDTH = "The scene's contact is not smooth: it has no width."
+MEAN_LOADS = ("drive.F_x_mean", "drive.F_y_mean", "drive.M_mean")
+WITHOUT_EFFECT = {"drive.level": 1.0, **dict.fromkeys(MEAN_LOADS, 0.0)}  # of which a scene without them is the same
+A_HARMONIC = "add a table [[drive.harmonic]] with order = 2, F = 20 and beta = 0.5"
+
+
+def harmonic_count(entries: Iterable[str]) -> int:
+    """How many harmonics the entries of a table `drive` have; 0 for a drive without a list of them."""
+    matches = [HARMONIC_ENTRY.fullmatch(entry) for entry in entries]
+    return 1 + max((int(match["index"]) for match in matches if match), default=-1)
+
+
+def require_number(name: str, present: Collection[str], where: str = "") -> None:
+    """Raise a KeyNameError, which begins with `where`, for a number that scenes with those `present` cannot have.
+
+    Args:
+        name: A key without the index of a blade.
+        present: The keys of the scene's numbers.
+        where: The place that the message names first.
+    """
+    if name in present:
+        return
+    if reason := _absence(name, [key.partition(".")[2] for key in present if key.startswith("drive.")]):
+        raise KeyNameError(f"{where}: {reason}" if where else reason)
+
+
+def _absence(name: str, drive: Collection[str]) -> str:
+    """Why a scene whose drive has these entries cannot have a number; empty: it can."""
+    if name == "contact.width":
+        return NO_WIDTH
+    table, _, entry = name.partition(".")
+    match, count = HARMONIC_ENTRY.fullmatch(entry), harmonic_count(drive)
+    if table != "drive":
+        return ""
+    if match is not None and int(match["index"]) >= count:
+        has = f"{_in_words(count)}, numbered from 0" if count else "no list of harmonics"
+        return f"the scene has no {name}: its drive has {has}; {A_HARMONIC}"
+    if entry in SINGLE_LOADS and count:
+        one = f"drive.harmonic[0].{entry.removesuffix('_0')}"
+        many = "" if entry == "beta" else "drive.level for all of them, or "
+        return f"the scene has no {name}, as its drive is a list of {_in_words(count)}; name {many}{one} for one"
+    return ""
+
+
+def _in_words(harmonics: int) -> str:
+    return f"{harmonics} harmonic{'s' * (harmonics > 1)}"
+
+
+def standing_for(name: str, numbers: Mapping[str, Any]) -> Any:
+    """What stands for a number that is not there: the mass for that in y, or what changes nothing, of any array."""
+    if name == "blades.m_y":
+        return numbers["blades.m"]
+    if name in WITHOUT_EFFECT:
+        return WITHOUT_EFFECT[name] + 0 * numbers["drive.phase" if ALL_KEYS[name].pair else "drive.omega"]
+    return 0 * numbers[name.replace(".phase", ".F")]  # of a harmonic
