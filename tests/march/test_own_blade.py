@@ -183,6 +183,7 @@ def marched():
     return marched_ends(scene_with(matrices()), STEPS)
 
 
+@pytest.mark.full
 def test_a_march_is_that_of_a_plain_integrator(marched):
     # Two periods from rest with a dozen events; both march to some 1e-10, which contact lets grow.
     wanted, counts = plain_ends(matrices())

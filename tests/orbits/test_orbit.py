@@ -151,6 +151,7 @@ def test_shooting_does_what_a_long_transient_does():
     np.testing.assert_allclose(slope, list(exact.values()), rtol=1e-7)
 
 
+@pytest.mark.full
 def test_no_contact_no_derivative():
     scene = load("table1", ['shroud.gap="5 mm"', "drive.F_0=60"]).scene
     got = gradient(scene, ["shroud.gap", "contact.gamma", "friction.mu", "friction.k_d"])

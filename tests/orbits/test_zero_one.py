@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxshroud import zero_one
+from jaxshroud.orbits.verdict_evidence import zero_one
 from jaxshroud.scene.checks import InputError
 
 N = 512

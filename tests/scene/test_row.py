@@ -404,7 +404,7 @@ def _verbs():
 KNOW_ROWS = {
     *("simulate", "sweep", "power", "table", "explain", "check", "diagnose", "rollout"),
     *("orbit", "gradient", "branch", "response", "tune", "mistune", "scatter", "report"),
-    *("free_power", "value_of", "vary", "scenes_from", "stack_scenes"),
+    *("value_of", "vary", "scenes_from", "stack_scenes"),
 }
 
 

@@ -39,7 +39,7 @@ SHORT = {"n_periods": 1, "method": js.RungeKutta(steps=100)}
 VERBS = ["attractors", "basins", "check", "diagnose", "explain", "lyapunov", "orbit", "power", "report", "simulate"]
 
 
-@pytest.mark.parametrize("verb", [*VERBS, "sweep", "trade", "free_power", "largest_frequency", "rollout"])
+@pytest.mark.parametrize("verb", [*VERBS, "sweep", "trade", "largest_frequency", "rollout"])
 @pytest.mark.parametrize("wrong", [None, "table1", 3, [1.0], {}, Scene])
 def test_what_is_no_scene_is_refused(verb, wrong):
     assert refused(getattr(js, verb), wrong).startswith("Argument `scene` must be a Scene")

@@ -12,13 +12,23 @@ import jaxshroud as js
 from jaxshroud.model.linear import free_power
 from jaxshroud.model.prepared import initial_state
 
-QUICK = ("free_power", "largest_frequency", "check", "explain", "method_for", "most_trials", "check_laws")
+QUICK = ("largest_frequency", "check", "explain", "method_for", "most_trials", "check_laws")
 USUAL = ("simulate", "sweep", "power", "orbit", "lyapunov", "gradient", "rollout", "period_map", "sweep_function()")
-LONG = ("attractors", "basins", "branch", "diagnose", "differences", "fit", "mistune", "report", "response", "scatter")
+LONG = ("attractors", "basins", "branch", "diagnose", "fit", "mistune", "report", "response", "scatter")
 LONG += ("table", "tune")
 # Without JAX, or of files; `trade` and the map of a search, which is a sweep, take minutes.
-OTHERS = {"amplitude_spectrum", "cache_compilations", "load", "objective_map", "open", "periodicity", "scenes_from"}
-OTHERS |= {"shipped", "stack_scenes", "sweep_function", "tableau", "trade", "value_of", "vary", "with_laws", "zero_one"}
+OTHERS = {"amplitude_spectrum", "cache_compilations", "load", "open", "periodicity", "scenes_from"}
+OTHERS |= {
+    "shipped",
+    "stack_scenes",
+    "sweep_function",
+    "tableau",
+    "trade",
+    "value_of",
+    "vary",
+    "with_laws",
+    "with_contact_law",
+}
 METHOD = js.RungeKutta(steps=100)
 
 
