@@ -206,7 +206,7 @@ def placed(points, q, rate=(0.0,) * 6):
     model = prepared_model(scene_with(points, *LIGHT))
     pair = lambda values, i: (jnp.asarray(values[i]), jnp.asarray(values[i + 1]))
     z = Motion(*(pair(values, i) for values in (q, rate) for i in (0, 2, 4)))
-    slider = float(contact_kinematics(pose(z.x, z.y, z.theta), 0, model.block, frozenset()).u) - 1e-6
+    slider = float(contact_kinematics(pose(z.x, z.y, z.theta), jnp.int32(0), model.block, frozenset()).u) - 1e-6
     state = State(z, (jnp.asarray(slider),) * points, (jnp.int32(Mode.STICK),) * points, jnp.int32(0))
     return model, placement(state, model), state
 
@@ -216,7 +216,7 @@ def test_forces_are_those_of_virtual_work_and_balance():
     model, place, state = placed(3, q)
 
     def energy(q):
-        at = contact_kinematics(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), 0, model.block, frozenset())
+        at = contact_kinematics(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), jnp.int32(0), model.block, frozenset())
         return model.law.energy_at(at, model.law.stretch_at(at, state.u_s, state.mode), state.mode)
 
     load = place.loaded.load
