@@ -248,3 +248,11 @@ def test_a_tilted_face_is_loaded_as_by_winklers_springs(points, of_force, of_mom
         true = k * p**2 / (2 * phi * l)
         errors.append((abs(N / true - 1), abs(M / (true * (l / 2 - p / (3 * phi))) - 1)))
     np.testing.assert_allclose(np.max(errors, axis=0), (of_force, of_moment), rtol=0.01)
+
+
+def test_points_are_advised_where_faces_stay_nearly_parallel():
+    light = ["blades.I=block", "drive.M_0=0.3"]
+    (advice,) = js.check(js.load("table1", light)).advice
+    assert "points = 2" in advice
+    for changes in (["blades.I=block", "drive.M_0=100"], ["drive.M_0=0.3"], [*light, "contact.points=2"]):
+        assert not js.check(js.load("table1", changes)).advice
