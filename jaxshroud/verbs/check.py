@@ -26,7 +26,7 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.verbs.checks import check_row, one_scene
-from jaxshroud.verbs.doubts import LEAST_DRIVEN, doubts_of
+from jaxshroud.verbs.doubts import LEAST_DRIVEN, advice_on, doubts_of
 from jaxshroud.verbs.natural_frequencies import RAD_PER_CYCLE, modes_of
 
 USUAL_ORDERS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)  # that are shown beside the scene's own
@@ -100,7 +100,7 @@ def check(
         **({} if scene.row is None else _at_interfaces(arrays, k, across / math.sin(s.alpha), along)),
         **_over_speed(scene, modes, engine_orders, start, stop),
     )
-    return replace(sheet, doubts=tuple(doubts_of(sheet, scene)))
+    return replace(sheet, doubts=tuple(doubts_of(sheet, scene)), advice=tuple(advice_on(sheet, scene)))
 
 
 def _at_interfaces(arrays: Scene, k: np.ndarray, approach: np.ndarray, slide: np.ndarray) -> dict[str, Any]:
