@@ -118,7 +118,7 @@ def said(what: str, words: str) -> str:
     if what == "output":
         command = [sys.executable, "-m", "jaxshroud", *words.split()]
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    from jaxshroud.cli.parser import parser
+    from jaxshroud.cli.commands import parser
 
     printed = io.StringIO()
     with redirect_stdout(printed), suppress(SystemExit):

@@ -27,14 +27,15 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 
 # Types are checked where this asks for it, as that is a third of the time of tracing.
 CHECKED = os.environ.get("JAXSHROUD_CHECK_TYPES") == "1"
-COMPUTING = [f"jaxshroud.{folder}" for folder in ("scene", "model", "march", "batch", "motion", "verbs")]
+FOLDERS = ("scene", "model", "march", "batch", "signals", "orbits", "fitting", "verbs")
+COMPUTING = [f"jaxshroud.{folder}" for folder in FOLDERS]
 with install_import_hook(COMPUTING, "beartype.beartype") if CHECKED else nullcontext():
     import jaxshroud
 
     for found in pkgutil.walk_packages(jaxshroud.__path__, "jaxshroud."):  # else imported later, without the checks
         if not found.name.endswith("__main__"):
             importlib.import_module(found.name)
-    from jaxshroud.programs.kept import keep_programs
+    from jaxshroud.cache.programs import keep_programs
     from jaxshroud.scene.config import load
 
 

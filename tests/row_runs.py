@@ -37,7 +37,7 @@ class RowRuns(NamedTuple):
 
     def counts(self, kind: str) -> np.ndarray:
         """Events of one kind, (lanes, interfaces)."""
-        return np.asarray(getattr(self.last.tally.log.counters, kind))
+        return np.asarray(getattr(self.last.accumulator.log.counters, kind))
 
     @property
     def residual(self) -> np.ndarray:

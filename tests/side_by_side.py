@@ -13,7 +13,7 @@ from jaxshroud.march.method_names import TABLEAUS
 from jaxshroud.march.tableau import tableau
 from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.keys import AT_REST, Motion
-from jaxshroud.scene.parts import Parts
+from jaxshroud.scene.layout import Parts
 from jaxshroud.scene.scene import Contact, Drive, Friction, Scene, Shroud
 from jaxshroud.scene.valid import in_precision
 
@@ -47,7 +47,7 @@ def relative_error(got: np.ndarray, exact: np.ndarray, size: np.ndarray) -> np.n
 
 def counts(runs: Runs, name: str) -> np.ndarray:
     """Events of one kind, (lanes,)."""
-    return getattr(runs.last.tally.log.counters, name)
+    return getattr(runs.last.accumulator.log.counters, name)
 
 
 def energy_residual(runs: Runs) -> np.ndarray:

@@ -19,7 +19,7 @@ import pytest
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
 from jaxshroud.cli.command_table import COMMANDS
-from jaxshroud.cli.parser import join_negative_values, parser
+from jaxshroud.cli.commands import join_negative_values, parser
 from jaxshroud.scene.config import load
 from jaxshroud.verbs import asked, options, stored, trade
 from jaxshroud.verbs.tune import tune

@@ -9,16 +9,16 @@ from jaxtyping import Array, Int
 from jaxshroud.batch.periods import Sample
 from jaxshroud.batch.states import carried_state
 from jaxshroud.batch.tangents import direction
-from jaxshroud.model.arithmetic import Formal, Scalar, filled
+from jaxshroud.cache.programs import kept
+from jaxshroud.model.arithmetic import Scalar, Symbolic, filled
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.linear import free_rms_displacement
 from jaxshroud.model.prepared import State, initial_state, prepared_model
 from jaxshroud.model.rhs import Recorded, rhs
-from jaxshroud.programs.kept import kept
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene, without_given
 
-MovingState = tuple[Motion, Array | Formal]  # motion and slider, with or without an axis of lanes
+MovingState = tuple[Motion, Array | Symbolic]  # motion and slider, with or without an axis of lanes
 
 
 def adaptive_samples(

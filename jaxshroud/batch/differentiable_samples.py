@@ -20,8 +20,7 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Int
 
 from jaxshroud.batch.duals import Dual, dual_lanes
-from jaxshroud.batch.flow_states import Flow
-from jaxshroud.batch.flows import begin_flow, dual_flow_constants, end_flow, flow_constants, mean_over
+from jaxshroud.batch.flows import Flow, begin_flow, dual_flow_constants, end_flow, flow_constants, mean_over
 from jaxshroud.batch.periods import LaneSelector, advance, march, whole_tree
 from jaxshroud.batch.stopped import replaced_where
 from jaxshroud.batch.xla import (
@@ -33,14 +32,14 @@ from jaxshroud.batch.xla import (
     stage_groups,
     vmapped,
 )
+from jaxshroud.cache.programs import is_traced, kept
 from jaxshroud.march.carry import EachLane, Lane, running
-from jaxshroud.march.derivative_limits import first_order_only
+from jaxshroud.march.locate import first_order_only
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import stepper_for
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State
-from jaxshroud.programs.kept import is_traced, kept
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
@@ -150,9 +149,9 @@ def _next_sample(
 def _sample_lane(lane: Lane, model: Model, period: Scalar, schedule: Schedule) -> tuple[Lane, Flow]:
     """The lane as it continues after a sample, and the sample."""
     time = period * (schedule.every / schedule.steps)
-    flow = end_flow(lane, model, time)._replace(means=mean_over(time, lane.tally.integrals.means))
-    places = lambda lane: (lane.tally.integrals, lane.step, lane.status)
-    empty = jax.tree.map(jnp.zeros_like, lane.tally.integrals)
+    flow = end_flow(lane, model, time)._replace(means=mean_over(time, lane.accumulator.integrals.means))
+    places = lambda lane: (lane.accumulator.integrals, lane.step, lane.status)
+    empty = jax.tree.map(jnp.zeros_like, lane.accumulator.integrals)
     step = jnp.where(lane.step == schedule.steps, 0, lane.step)
     return eqx.tree_at(places, lane, (empty, step, flow.status)), flow
 

@@ -1,4 +1,4 @@
-"""Drive periods of pairs with the derivative along a given direction, forward in time.
+"""Drive periods of pairs with the derivative along a given direction, forward in time, and their ends in a unique form.
 
 Each lane carries one tangent, so that several directions of one scene are several lanes with the same scene: a batch
 over scenes is also a batch over directions.
@@ -14,7 +14,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxshroud.batch.duals import Dual, dual_lanes
-from jaxshroud.batch.flow_states import Flow, FlowWithMoments, canonical
 from jaxshroud.batch.periods import CallLimits, march, periods_within
 from jaxshroud.batch.states import (
     by_blade,
@@ -23,14 +22,64 @@ from jaxshroud.batch.states import (
     with_zeros,
 )
 from jaxshroud.batch.xla import compiled, vmapped
+from jaxshroud.march.accumulator import EventMargins
 from jaxshroud.march.carry import EachLane, Fixed, Lane, PerLane, time_grid
+from jaxshroud.march.events import place_contact
+from jaxshroud.march.locate import select
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import begin_lane
-from jaxshroud.model.arithmetic import Scalar, filled
-from jaxshroud.model.modes import Status
-from jaxshroud.model.prepared import Model, State, prepared_model
+from jaxshroud.model.arithmetic import Pair, Scalar, filled, is_zero
+from jaxshroud.model.geometry import Kinematics
+from jaxshroud.model.modes import FLAT, Mode, Status
+from jaxshroud.model.prepared import Model, State, prepared_model, touches_at_corners
+from jaxshroud.model.rhs import Means, Moments, parallel_mean
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
+
+
+class Flow(NamedTuple):
+    """The result of whole drive periods."""
+
+    state: State  # with its slider updated; motion as pairs
+    power: Pair  # mean square displacement over block and time [m^2]
+    status: Int[Array, "..."]
+    margins: EventMargins | None = None  # so far; None unless the method has `margins`
+    coarseness: Scalar | None = None  # see `StepVerdict`; None within a march
+    means: Means | None = None  # averaged over time; None unless a march has `vibration`
+
+
+class FlowWithMoments(NamedTuple):
+    """The result of some drive periods, of any length."""
+
+    state: State  # as of a `Flow`, and so are the next two
+    power: Pair
+    status: Int[Array, "..."]
+    moments: Moments | None  # averaged over time; None unless the method has `amplitudes`
+    means: Means | None  # averaged over time; None unless the method has `vibration`
+
+
+def canonical(state: State, scene_model: Model) -> State:
+    """The state with the numbers that its mode determines: the slider in slip and when apart, and one angle if flat.
+
+    Numbers on which no later motion depends are then unique, and have no tangent.
+    """
+    if touches_at_corners(scene_model) and scene_model.law.has_events:
+        angles = lambda motion: (motion.theta, motion.v_theta)
+        level = [select(state.case == FLAT, parallel_mean(pair, scene_model), pair) for pair in angles(state.motion)]
+        state = eqx.tree_at(lambda s: angles(s.motion), state, tuple(level))
+    at = place_contact(state.motion, state, scene_model)[2]
+    if is_zero(state.u_s) or scene_model.law.flows:
+        return state
+    u_s = canonical_slider(at, state, scene_model)
+    return eqx.tree_at(lambda s: s.u_s, state, u_s)
+
+
+def canonical_slider(at: Kinematics, state: State, scene_model: Model) -> Scalar:
+    """The slider that the mode determines in slip and when apart; else that of the state."""
+    w = scene_model.law.stretch_at(at, state.u_s, state.mode)
+    sliders = jax.tree.map(lambda w: at.u - w, w)
+    return jax.tree.map(lambda u_s, mode: jnp.where(mode == Mode.APART, 0.0, u_s), sliders, state.mode)
+
 
 LANES_PER_FLOW = (16, 64)  # for few and for many lanes: a loop of fewer does not amortise its dispatch
 
@@ -44,16 +93,16 @@ def begin_flow(scene: Scene, state: State, method: Choices) -> tuple[Lane, Model
 
 def end_flow(lane: Lane, scene_model: Model, time: Scalar) -> Flow:
     """The flow of a lane after `time` seconds."""
-    left, right = filled(lane.tally.integrals.power, time)
+    left, right = filled(lane.accumulator.integrals.power, time)
     overflowed = (lane.status == Status.OK) & ~jnp.isfinite(left + right)
     status = jnp.where(overflowed, Status.NOT_FINITE, lane.status).astype(lane.status.dtype)
     state = with_zeros(canonical(lane.state, scene_model))
-    return Flow(state, (left / time, right / time), status, lane.tally.margins)
+    return Flow(state, (left / time, right / time), status, lane.accumulator.margins)
 
 
 def end_flow_with_moments(lane: Lane, scene_model: Model, time: Scalar) -> FlowWithMoments:
     """`end_flow`, with the moments and the means where they are kept."""
-    sums, flow = lane.tally.integrals, end_flow(lane, scene_model, time)
+    sums, flow = lane.accumulator.integrals, end_flow(lane, scene_model, time)
     moments, means = mean_over(time, (sums.moments, sums.means))
     return FlowWithMoments(flow.state, flow.power, flow.status, moments, means)
 

@@ -7,22 +7,18 @@ from jaxshroud.batch.closed_form import closed_form_runs, free_trajectories, no_
 from jaxshroud.batch.flows import PAIR_FLOWS
 from jaxshroud.batch.march_protocol import March
 from jaxshroud.batch.operation_count import size_of_pair_trial, size_of_row_trial
-from jaxshroud.batch.pair_functions import PURE_PAIRS
 from jaxshroud.batch.pair_samples import balance_of_pairs, motions_of_pairs, sampled_pairs
 from jaxshroud.batch.periods import begin_lanes, pair_sample
-from jaxshroud.batch.row_flow import PURE_ROWS
+from jaxshroud.batch.pure_functions import PURE_PAIRS, PURE_ROWS
 from jaxshroud.batch.row_samples import motions_of_rows, sampled_rows
-from jaxshroud.batch.row_tangents import ROW_FLOWS
-from jaxshroud.batch.rows import ROW_KERNELS, balance_of_rows, begin_rows, row_sample
-from jaxshroud.batch.stepped_runs import stepped_runs
-from jaxshroud.batch.stepped_trajectories import stepped_trajectories
+from jaxshroud.batch.rows import ROW_FLOWS, ROW_KERNELS, balance_of_rows, begin_rows, row_sample
+from jaxshroud.batch.stepped_runs import stepped_runs, stepped_trajectories
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import POWER_SERIES, RUNGE_KUTTA, stepper_for
 from jaxshroud.model.prepared import law_type
 from jaxshroud.model.spring_contact import NoContact
-from jaxshroud.scene.capabilities import LIMITED
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.layout import PAIR
+from jaxshroud.scene.layout import LIMITED, PAIR
 from jaxshroud.scene.scene import Scene
 
 PAIRS = March(

@@ -11,11 +11,11 @@ from jaxshroud.batch.periods import advance, begin_lanes
 from jaxshroud.batch.rows import row_models, rows_at_start
 from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import one_lane, vmapped
+from jaxshroud.cache.programs import kept
 from jaxshroud.march.carry import Fixed, Lane, time_grid
 from jaxshroud.march.method import Choices
 from jaxshroud.march.row_trial import row_trial
 from jaxshroud.model.prepared import initial_state, prepared_model
-from jaxshroud.programs.kept import kept
 from jaxshroud.scene.scene import Scene
 
 # Primitives that only serve types and transformations, which no machine executes.

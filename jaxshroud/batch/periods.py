@@ -12,12 +12,12 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxshroud.batch.states import by_blade, by_blade_or_interface, by_interface, carried_state, with_zeros
 from jaxshroud.batch.xla import compiled, repeated_while, stage_groups
+from jaxshroud.march.accumulator import Accumulator, Log, left_position_at, mean_position
 from jaxshroud.march.carry import EachLane, Lane, LaneTree, TimeGrid, running, time_grid
 from jaxshroud.march.log import log_of_new_period
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import energy_residual, is_unbalanced, total_energy
 from jaxshroud.march.stepper import StageGroups, alone, begin_lane, stepper_for
-from jaxshroud.march.tally import Log, Tally, left_position_at, mean_position
 from jaxshroud.model.arithmetic import filled, traced_once
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State, prepared_model
@@ -233,7 +233,7 @@ def ended_pairs(
     Selecting between lanes before and after it would have XLA work out the faults anew for every number of the sample.
     """
     del each
-    gain, jumps = lanes.tally.integrals, lanes.tally.jumps
+    gain, jumps = lanes.accumulator.integrals, lanes.accumulator.jumps
     logged: dict[str, Any] = {}
     works, energies, astray = (), _total_energies(lanes, models), jnp.zeros_like(periods, bool)
     if gain.ledger is not None and jumps is not None:
@@ -243,12 +243,12 @@ def ended_pairs(
         if models.law.may_create_energy:  # the printed reading never balances, and other laws need no such check
             astray = is_unbalanced(residual, gain.ledger.gross, stored_before, energies)
     power = filled(gain.power, periods)
-    log = lanes.tally.log
+    log = lanes.accumulator.log
     if log is not None:
         logged |= {name: getattr(log, name) for name in LOGGED_BY_PERIOD}
     if gain.ledger is not None:
         logged |= {"friction": gain.ledger.friction, "viscous": gain.ledger.viscous}
-    means = mean_position(lanes.tally, lanes.state.motion, periods, steps, left_position_at)
+    means = mean_position(lanes.accumulator, lanes.state.motion, periods, steps, left_position_at)
     integrated = {"loads": gain.loads, "moments": gain.moments, "means": means}
     power = power[0] / periods, power[1] / periods
     sample = Sample(with_zeros(lanes.state).motion, power, *works, **filled(logged | integrated, periods))
@@ -259,12 +259,12 @@ def ended_pairs(
     return lanes, jax.tree.map(lambda a: jnp.where(lanes.status == Status.OK, a, jnp.nan), sample)
 
 
-def _with_empty_tally(lanes: Lane, method: Choices) -> Lane:
+def _with_empty_accumulator(lanes: Lane, method: Choices) -> Lane:
     """The lanes with the sums of a sample reset: in float32, late periods would lose digits in a long sum."""
-    tally = lanes.tally
-    integrals, jumps = jax.tree.map(jnp.zeros_like, (tally.integrals, tally.jumps))
-    log = None if tally.log is None else log_of_new_period(tally.log, lanes.state.motion, method)
-    return eqx.tree_at(lambda lane: lane.tally, lanes, Tally(integrals, jumps, log, tally.margins))
+    accumulator = lanes.accumulator
+    integrals, jumps = jax.tree.map(jnp.zeros_like, (accumulator.integrals, accumulator.jumps))
+    log = None if accumulator.log is None else log_of_new_period(accumulator.log, lanes.state.motion, method)
+    return eqx.tree_at(lambda lane: lane.accumulator, lanes, Accumulator(integrals, jumps, log, accumulator.margins))
 
 
 @traced_once
@@ -291,4 +291,4 @@ def lane_models(scenes: Scene) -> tuple[Model, Float[Array, " lanes"]]:
 def begun_pairs(lanes: Lane, models: Model, method: Choices, each: EachLane) -> tuple[Lane, Float[Array, " lanes"]]:
     """Pairs at the start of a period, and the energies that they store [J]."""
     del each
-    return _with_empty_tally(lanes, method), _total_energies(lanes, models)
+    return _with_empty_accumulator(lanes, method), _total_energies(lanes, models)

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.periods import Clock
+from jaxshroud.march.accumulator import Counters
 from jaxshroud.march.method import Choices
-from jaxshroud.march.tally import Counters
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Status
 
@@ -67,7 +67,7 @@ class RunLog(NamedTuple):
 
 def run_log(lanes: Any) -> RunLog:
     """The log of lanes of pairs or of rows (leading axis), which counts no events that cannot happen."""
-    log, count = lanes.tally.log, len(lanes.status)
+    log, count = lanes.accumulator.log, len(lanes.status)
     counters = filled(log.counters, np.zeros(np.shape(log.v_max), np.int32))
     kept = log.v_max, counters, log.within
     return RunLog(*jax.tree.map(lambda a: np.reshape(a, (count, -1)), kept))

@@ -11,22 +11,28 @@ from jax import lax
 from jaxtyping import Array, Int, PyTree
 
 from jaxshroud.batch.differentiable_samples import Schedule, differentiable_samples, trial_counts
-from jaxshroud.batch.flow_states import Flow
-from jaxshroud.batch.flows import as_differentiable, begin_flow, end_flow, flow_constants
-from jaxshroud.batch.input_status import Admitted, admit, require_single_scene, status_if_admitted
+from jaxshroud.batch.flows import Flow, as_differentiable, begin_flow, end_flow, flow_constants
+from jaxshroud.batch.march_protocol import Moment, SampledMoments
 from jaxshroud.batch.marches import march_of, require_march
 from jaxshroud.batch.periods import march_steps
-from jaxshroud.batch.pure_march import Moment, SampledMoments
 from jaxshroud.batch.states import as_arrays, initial_states
-from jaxshroud.batch.stopped import distinct_where, nan_where, where_going
+from jaxshroud.batch.stopped import (
+    Admitted,
+    admit,
+    distinct_where,
+    nan_where,
+    require_single_scene,
+    status_if_admitted,
+    where_going,
+)
 from jaxshroud.batch.xla import one_lane, vmapped
+from jaxshroud.cache.programs import is_traced
 from jaxshroud.march.method import EXPLICIT, Choices, Method, explicit
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
-from jaxshroud.programs.kept import is_traced
-from jaxshroud.scene.capabilities import require_capability, require_points
 from jaxshroud.scene.checks import MAX_COUNT, InputError, count_argument
+from jaxshroud.scene.layout import require_capability, require_points
 from jaxshroud.scene.scene import PerBlade, Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision

@@ -10,7 +10,7 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from jaxshroud.batch.cubics import SampledAmplitudes
-from jaxshroud.batch.pace import CallPace
+from jaxshroud.batch.limits import CallPace
 from jaxshroud.batch.periods import CallLimits, Clock, Interim, first_passes, select_tree
 from jaxshroud.batch.plan import Tick
 from jaxshroud.batch.rows import (
@@ -30,7 +30,7 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import ContactForces, stacked_point_forces
 from jaxshroud.march.row_guards import interface_view, row_contact_forces, row_torques
 from jaxshroud.march.start import events_at_start, next_at_start
-from jaxshroud.model.arithmetic import ABSENT, filled, sincos_turns
+from jaxshroud.model.arithmetic import ZERO, filled, sincos_turns
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.points_contact import by_point, interface_mode
 from jaxshroud.model.prepared import State
@@ -106,7 +106,7 @@ def _sampled(lanes: Lane, turns: Float[Array, " lanes"], model: RowModel, each: 
     zero = jnp.zeros(lanes.state.case.shape, turns.dtype)
     lost = lanes.status != Status.OK
     point, of_points = forces.contact_point, stacked_point_forces(forces.points, zero, -2)
-    forces = filled(forces._replace(contact_point=ABSENT, points=None), zero)
+    forces = filled(forces._replace(contact_point=ZERO, points=None), zero)
     forces = forces._replace(contact_point=point, points=of_points)
     return RowSamples(
         updated_slider(lanes.state, lanes.status, model, each),

@@ -1,33 +1,40 @@
-"""Rows of blades through time: whole drive periods of many lanes, in compiled functions.
+"""Rows of blades through time: whole drive periods of many lanes, in compiled functions, with tangents.
 
 Outside, arrays have the axis of lanes first, as everywhere; inside the compiled functions the lanes are last, see
-`model.row`.
+`model.row`. A row has kernels of blades and of interfaces with sums in between, which JAX differentiates; the kernels
+compute the tangents of their values. Every lane has one direction.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Float, Int
 
 from jaxshroud.batch.blocks import PeriodKernels
-from jaxshroud.batch.periods import LOGGED_BY_PERIOD, Sample, repeated_trials
+from jaxshroud.batch.duals import Dual, differentiable
+from jaxshroud.batch.flows import FlowPrograms, FlowWithMoments, canonical_slider
+from jaxshroud.batch.periods import LOGGED_BY_PERIOD, CallLimits, Sample, periods_within, repeated_trials
+from jaxshroud.batch.states import by_blade
 from jaxshroud.batch.stretches import EnergyBalance
 from jaxshroud.batch.xla import best_mapping, compiled
-from jaxshroud.march.carry import EachLane, Fixed, Lane
+from jaxshroud.march.accumulator import Accumulator, EnergyJumps, mean_position
+from jaxshroud.march.carry import EachLane, Fixed, Lane, PerLane, time_grid
+from jaxshroud.march.events import place_contact
+from jaxshroud.march.log import accumulator_of_new_period
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import contact_spring_energy, energy_residual, slider_position
-from jaxshroud.march.row_log import tally_of_new_period
 from jaxshroud.march.row_trial import begin_row, row_trial
-from jaxshroud.march.tally import EnergyJumps, Tally, mean_position
-from jaxshroud.model.arithmetic import ABSENT, filled
-from jaxshroud.model.modes import Status
+from jaxshroud.model.arithmetic import ZERO, filled, is_zero
+from jaxshroud.model.modes import FLAT, Status
 from jaxshroud.model.points_contact import points_last
-from jaxshroud.model.prepared import State
+from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import Ledger
-from jaxshroud.model.row import RowModel, blade_energies, blade_positions, over, pair_states, prepared_row
+from jaxshroud.model.row import RowModel, blade_energies, blade_positions, clusters, over, pair_states, prepared_row
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
@@ -69,7 +76,7 @@ def carried_row(state: State, model: RowModel) -> State:
     motion = state.motion
     if isinstance(motion, Motion):
         moves = lambda name: name.removeprefix("v_") in model.parts.motion
-        motion = Motion(*(a if moves(name) else ABSENT for name, a in zip(Motion._fields, motion, strict=True)))
+        motion = Motion(*(a if moves(name) else ZERO for name, a in zip(Motion._fields, motion, strict=True)))
         motion = model.blades.carried(motion)
     law = model.interfaces.law
     u_s, mode = state.u_s, state.mode
@@ -89,22 +96,22 @@ def energies_in_rows(state: State, model: RowModel, each: EachLane) -> Float[Arr
     return jnp.sum(blade_energies(state.motion, model, each), axis=0) + jnp.sum(springs, axis=0)
 
 
-def row_jumps(tally: Tally) -> EnergyJumps:
+def row_jumps(accumulator: Accumulator) -> EnergyJumps:
     """The energy that jumped at the events of a row, at each interface and in all."""
-    assert tally.jumps is not None  # rows keep them
-    return tally.jumps
+    assert accumulator.jumps is not None  # rows keep them
+    return accumulator.jumps
 
 
-def row_ledger(tally: Tally) -> Ledger:
+def row_ledger(accumulator: Accumulator) -> Ledger:
     """The works of a row, of each blade and each interface, with zeros where there is no friction."""
-    return filled(tally.integrals.ledger, row_jumps(tally).springs)
+    return filled(accumulator.integrals.ledger, row_jumps(accumulator).springs)
 
 
-def row_energy_residual(tally: Tally, gained: Any, axis: int) -> Any:
+def row_energy_residual(accumulator: Accumulator, gained: Any, axis: int) -> Any:
     """The residual of the energy balance of rows [J] that have `gained` energy; blades and interfaces along an axis."""
     total = lambda a: a.sum(axis=axis)
-    jumps = EnergyJumps(total(row_jumps(tally).springs), row_jumps(tally).dropped)
-    return energy_residual(jax.tree.map(total, row_ledger(tally)), jumps, gained)
+    jumps = EnergyJumps(total(row_jumps(accumulator).springs), row_jumps(accumulator).dropped)
+    return energy_residual(jax.tree.map(total, row_ledger(accumulator)), jumps, gained)
 
 
 def updated_slider(state: State, status: Int[Array, " lanes"], model: RowModel, each: EachLane) -> State:
@@ -119,9 +126,9 @@ def updated_slider(state: State, status: Int[Array, " lanes"], model: RowModel, 
 def _begin_row_period(
     lanes: Lane, model: RowModel, method: Choices, each: EachLane
 ) -> tuple[Lane, Float[Array, " lanes"]]:
-    """The rows with an empty tally, and the energies that they store."""
-    empty = tally_of_new_period(lanes.tally, model.blades.shroud(lanes.state.motion), method)
-    return eqx.tree_at(lambda lane: lane.tally, lanes, empty), energies_in_rows(lanes.state, model, each)
+    """The rows with an empty accumulator, and the energies that they store."""
+    empty = accumulator_of_new_period(lanes.accumulator, model.blades.shroud(lanes.state.motion), method)
+    return eqx.tree_at(lambda lane: lane.accumulator, lanes, empty), energies_in_rows(lanes.state, model, each)
 
 
 def _end_row_period(
@@ -134,21 +141,21 @@ def _end_row_period(
     ended: Any = True,
 ) -> tuple[Lane, Sample]:
     """`batch.periods.ended_pairs` for rows; the works in a sample are those of each blade."""
-    tally, log, jumps = lanes.tally, lanes.tally.log, row_jumps(lanes.tally)
-    gain: Any = tally.integrals
+    accumulator, log, jumps = lanes.accumulator, lanes.accumulator.log, row_jumps(lanes.accumulator)
+    gain: Any = accumulator.integrals
     z = model.blades.shroud(lanes.state.motion)
     assert log is not None  # only flows with tangents have none
     gained = energies_in_rows(lanes.state, model, each) - before
     works: dict[str, Any] = {}
     if gain.ledger is not None:
-        ledger = row_ledger(tally)
+        ledger = row_ledger(accumulator)
         works = {"work": ledger.drive, "gross": ledger.gross, "viscous": ledger.viscous, "friction": ledger.friction}
         works |= {
             "switched": jumps.springs,
             "dropped": jumps.dropped,
-            "residual": row_energy_residual(tally, gained, 0),
+            "residual": row_energy_residual(accumulator, gained, 0),
         }
-    means = mean_position(tally, z, period, steps, blade_positions)
+    means = mean_position(accumulator, z, period, steps, blade_positions)
     logged = {name: getattr(log, name) for name in LOGGED_BY_PERIOD}
     sums = {"moments": gain.moments, "means": means}
     of_blades = {"motion": z, "largest": logged.pop("largest"), "extent": logged.pop("extent")} | sums
@@ -161,15 +168,15 @@ def _end_row_period(
     return lanes, jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
 
 
-def balance_of_rows(tally: Tally, gained: np.ndarray) -> EnergyBalance | None:
+def balance_of_rows(accumulator: Accumulator, gained: np.ndarray) -> EnergyBalance | None:
     """The energy balance of rows that have `gained` energies [J]; None without a ledger."""
-    if tally.integrals.ledger is None:
+    if accumulator.integrals.ledger is None:
         return None
-    works = row_ledger(tally)
+    works = row_ledger(accumulator)
     of_blades = {"blade_work_drive": np.asarray(works.drive), "blade_loss_viscous": np.asarray(works.viscous)}
     in_all = Ledger(*(np.asarray(a).sum(axis=-1) for a in works))._replace(friction=works.friction)
-    residual = np.asarray(row_energy_residual(jax.tree.map(jnp.asarray, tally), jnp.asarray(gained), -1))
-    return EnergyBalance(in_all, of_blades, residual, np.asarray(row_jumps(tally).dropped, float))
+    residual = np.asarray(row_energy_residual(jax.tree.map(jnp.asarray, accumulator), jnp.asarray(gained), -1))
+    return EnergyBalance(in_all, of_blades, residual, np.asarray(row_jumps(accumulator).dropped, float))
 
 
 ROW_KERNELS = PeriodKernels(lanes_last, lanes_first, row_models, march_rows, _begin_row_period, _end_row_period)
@@ -180,3 +187,102 @@ def row_sample(row: Sample) -> Sample:
     total = lambda a: None if a is None else a.sum(axis=-1)
     row = jax.tree.map(np.asarray, row)
     return row._replace(work=total(row.work), gross=total(row.gross), viscous=total(row.viscous))
+
+
+ROW_LANES_PER_FLOW = (16, 16)  # of rows, whose kernels have as many numbers again for each blade
+
+
+@compiled("method")
+def begin_row_flows(scenes: Dual, states: Dual, method: Choices) -> Dual:
+    """`begin_flows` for rows; the lanes are last."""
+    each, (value, along) = differentiable(best_mapping()), states
+
+    def begin(scenes: Scene, motion: Any, u_s: Any) -> Lane:
+        model, state = row_models(scenes)[0], lanes_last(State(motion, u_s, value.mode, value.case))
+        return begin_row(canonical_row(carried_row(state, model), model, each), model, method, each)
+
+    along = scenes.tangent, along.motion, along.u_s
+    return _with_tangent(begin, (scenes.value, value.motion, value.u_s), along)
+
+
+def _with_tangent(f: Callable[..., Any], values: tuple[Any, ...], tangents: tuple[Any, ...]) -> Dual:
+    """`f(*values)` and its tangent, of all real numbers, whether they depend on the direction or not."""
+    real, rest = eqx.partition(values, eqx.is_inexact_array)
+    parts = lambda real: eqx.partition(f(*eqx.combine(real, rest)), eqx.is_inexact_array)
+    out, along, fixed = jax.jvp(parts, (real,), (tangents,), has_aux=True)
+    return Dual(eqx.combine(out, fixed), along)
+
+
+@compiled("method", "each")
+def row_flow_with_tangents(
+    scenes: Dual,
+    lanes: Dual,
+    limits: CallLimits,
+    steps: Int[Array, "..."],
+    turns: PerLane | None,
+    method: Choices,
+    each: EachLane,
+) -> tuple[Dual, Int[Array, ""]]:
+    """`flow_with_tangents` for rows, with the same arguments; the lanes are last."""
+
+    def flow(scenes: Scene, lanes: Lane) -> tuple[Lane, Int[Array, ""]]:
+        model, period = row_models(scenes)
+        stop = jnp.ones_like(lanes.step) * steps
+        count = stop.astype(period.dtype)
+        grid = time_grid(jnp.zeros_like(period), count if turns is None else count / turns, period)
+        fixed = Fixed(model, grid, stop)
+        run = lambda lanes, passes: march_rows(lanes, fixed, method, differentiable(each), passes)
+        return periods_within(limits, run, lanes, stop)
+
+    (end, ended), (along, _) = _with_tangent(flow, (scenes.value, lanes.value), (scenes.tangent, lanes.tangent))
+    return Dual(end, along), ended
+
+
+@compiled()
+def end_row_flows(scenes: Dual, lanes: Dual, n: Int[Array, ""], turns: PerLane | None) -> Dual:
+    """`end_flows` for rows; powers and moments are tuples of all blades."""
+    each = differentiable(best_mapping())
+
+    def end(scenes: Scene, lanes: Lane) -> FlowWithMoments:
+        model, period = row_models(scenes)
+        time = n.astype(period.dtype) * (period if turns is None else turns * period)
+        flow = lanes_first(_end_of_rows(lanes, model, time, each))
+        sums = flow.power, flow.moments, flow.means
+        power, moments, means = jax.tree.map(lambda a: tuple(jnp.moveaxis(a, -1, 0)), sums)
+        return flow._replace(power=power, moments=moments, means=means)
+
+    return _with_tangent(end, (scenes.value, lanes.value), (scenes.tangent, lanes.tangent))
+
+
+def _end_of_rows(lanes: Lane, model: RowModel, time: Any, each: EachLane) -> FlowWithMoments:
+    """The flow of rows, lanes last, after `time` seconds."""
+    gain: Any = lanes.accumulator.integrals
+    mean = lambda tree: jax.tree.map(lambda a: a / lax.broadcast_to_rank(time, a.ndim), filled(tree, gain.power))
+    power = mean(gain.power)
+    overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(jnp.sum(power, axis=0))
+    status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
+    end = canonical_row(lanes.state, model, each)
+    motion, u_s = filled(end.motion, end.motion.x), filled(end.u_s, jnp.zeros(end.case.shape, power.dtype))
+    return FlowWithMoments(State(motion, u_s, end.mode, end.case), power, status, mean(gain.moments), mean(gain.means))
+
+
+def canonical_row(state: State, model: RowModel, each: EachLane) -> State:
+    """The state of rows, lanes last, with the numbers that its modes determine, as `canonical` of the pair."""
+    motion, u_s = state.motion, state.u_s
+    if model.turns_by_events:
+        cluster = clusters(state.case, model)
+        flat = jnp.any(state.case == FLAT, axis=0)
+        level = lambda a: jnp.where(flat, cluster.mean(a), a)
+        motion = motion._replace(theta=level(motion.theta), v_theta=level(motion.v_theta))
+    state = State(motion, u_s, state.mode, state.case)
+    if is_zero(u_s) or model.interfaces.law.flows:
+        return state
+
+    def slider(state: State, model: Model) -> Any:
+        return canonical_slider(place_contact(state.motion, state, model)[2], state, model)
+
+    u_s = over(each, slider, pair_states(state, model), model.interfaces)
+    return State(motion, u_s, state.mode, state.case)
+
+
+ROW_FLOWS = FlowPrograms(begin_row_flows, row_flow_with_tangents, end_row_flows, by_blade, ROW_LANES_PER_FLOW)

@@ -1,12 +1,24 @@
-"""Many lanes over many periods, by the march of their scenes."""
+"""Many lanes over many periods by the march of their scenes: all at once, along an axis, or with trajectories."""
 
+from dataclasses import dataclass
+
+import jax
 import numpy as np
 
 from jaxshroud.batch.marches import march_of, require_march
-from jaxshroud.batch.plan import Plan, Runs, Tick
+from jaxshroud.batch.periods import lanes_per_call
+from jaxshroud.batch.plan import Plan, Runs, Tick, Ticker, completed_runs
+from jaxshroud.batch.sampling import SampleGrid
+from jaxshroud.batch.states import final_states, initial_states
+from jaxshroud.batch.stepped_runs import chunk_by_chunk, select_lanes
+from jaxshroud.batch.stretches import Trajectories
+from jaxshroud.batch.threads import Interrupted
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import Tableau, TaylorOptions
+from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.layout import Direction
 from jaxshroud.scene.scene import Scene, without_given
 
 
@@ -36,3 +48,95 @@ def run_lanes(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: n
     march, scenes = march_of(scenes), without_given(scenes)
     arrived = np.zeros(len(scenes.drive.omega), bool) if arrived is None else arrived
     return march.run(march, scenes, states, plan, ticker, arrived)
+
+
+def trajectories(scenes: Scene, states: State, grid: SampleGrid, method: Choices, ticker: Tick) -> Trajectories:
+    """The trajectories of lanes (leading axis), by the march of their scenes.
+
+    Args:
+        scenes: The scenes.
+        states: The states in which they start.
+        grid: The time grid, and which states are kept.
+        method: The options of the march.
+        ticker: Called with the number of steps done, if there are steps.
+
+    Raises:
+        Interrupted: On Ctrl-C, without results.
+    """
+    march = march_of(scenes)
+    return march.trajectories(march, scenes, states, grid, method, ticker)
+
+
+def sampled_motions(scenes: Scene, states: State, grid: SampleGrid, method: Choices) -> Motion:
+    """The motions of `trajectories` alone, (lanes, 1 + samples, blades) each, which takes fewer compiled programs.
+
+    They are marched step by step without contact too.
+    """
+    run = lambda chunk, tick: march_of(scenes).motions(chunk[0], chunk[1], grid, method, tick)
+    motions = chunk_by_chunk(run, (scenes, states), lambda _: None, lanes_per_call(scenes.layout))
+    return jax.tree.map(lambda a: np.asarray(a, float), motions)
+
+
+@dataclass
+class SweepHandover:
+    """The states of lanes that are continued from value to value, handed from one block of values to the next."""
+
+    state: State | None = None  # at the end of the previous value; None at the first
+    arrived: np.ndarray | None = None  # which lanes reached it; the others start afresh
+
+
+def independent_runs(
+    scenes: Scene, shape: tuple[int, ...], plan: Plan, ticker: Ticker, states: State | None = None
+) -> Runs:
+    """Run all lanes at once, each from the start of its scene or from `states` with the same leading axes.
+
+    Raises:
+        Interrupted: As in `run_lanes`.
+    """
+    flat, begin = jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(shape) :]), (scenes, states))
+    shaped = lambda runs: jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), runs)
+    try:
+        return shaped(run_lanes(flat, initial_states(flat) if begin is None else begin, plan, ticker))
+    except Interrupted as stopped:
+        raise Interrupted(stopped.done and shaped(stopped.done)) from None
+
+
+def continued_runs(
+    scenes: Scene,
+    shape: tuple[int, ...],
+    plan: Plan,
+    ticker: Ticker,
+    states: State | None = None,
+    *,
+    direction: Direction,
+    relay: SweepHandover | None = None,
+) -> Runs:
+    """Run the lanes along the first axis one after the other, each from the final state of the previous one.
+
+    Args:
+        scenes: The scenes, with leading axes of that `shape`.
+        shape: The shape of the grid.
+        plan: How long to run.
+        ticker: Called with the number of lane-periods done.
+        states: The initial states; by default those of the scenes.
+        direction: "forward", from the first value to the last, or "backward".
+        relay: Where the previous values have ended; updated to where these end.
+
+    Raises:
+        Interrupted: As in `run_lanes`.
+    """
+    order = range(shape[0]) if direction == "forward" else range(shape[0] - 1, -1, -1)
+    concatenate = lambda runs: jax.tree.map(lambda *a: np.stack(a).reshape(*shape, *a[0].shape[1:]), *runs)
+    runs: list[Runs | None] = [None] * shape[0]
+    relay = relay or SweepHandover()
+    for i in order:
+        here, begin = jax.tree.map(lambda a, i=i: a[i].reshape(-1, *a.shape[len(shape) :]), (scenes, states))
+        fresh = initial_states(here) if begin is None else begin
+        try:
+            runs[i] = run = run_lanes(here, fresh if relay.state is None else relay.state, plan, ticker, relay.arrived)
+        except Interrupted as stopped:
+            runs[i] = stopped.done
+            raise Interrupted(completed_runs(runs, concatenate)) from None
+        arrived = run.last.status == Status.OK  # a lane that has stopped starts afresh
+        relay.state, relay.arrived = select_lanes(arrived, final_states(run.last.state), fresh), arrived
+    return concatenate(runs)

@@ -12,10 +12,11 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Int
 
-from jaxshroud.batch.pace import CallPace
+from jaxshroud.batch.limits import CallPace
 from jaxshroud.batch.periods import CallLimits, Clock, advance, first_passes, march_steps
 from jaxshroud.batch.states import as_arrays, with_zeros
 from jaxshroud.batch.xla import best_mapping, compiled, stage_groups
+from jaxshroud.cache.programs import kept
 from jaxshroud.march.carry import EachLane, Fixed, Lane, running
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import slider_position
@@ -24,7 +25,6 @@ from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.modes import Status
 from jaxshroud.model.points_contact import points_last
 from jaxshroud.model.prepared import Model, State, prepared_model
-from jaxshroud.programs.kept import kept
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
 

@@ -6,17 +6,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.cache.programs import is_traced, kept
 from jaxshroud.march.log import is_of_blades
 from jaxshroud.march.observables import ContactForces, contact_forces, stacked_point_forces
-from jaxshroud.model.arithmetic import ABSENT, filled, is_absent, sincos_turns
+from jaxshroud.model.arithmetic import ZERO, filled, is_zero, sincos_turns
 from jaxshroud.model.blade import ElasticMotion
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.points_contact import points_last
 from jaxshroud.model.prepared import Model, State, as_pairs, prepared_model
-from jaxshroud.programs.kept import is_traced, kept
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import PAIR, Layout
-from jaxshroud.scene.parts import COORDINATES
+from jaxshroud.scene.layout import COORDINATES, PAIR, Layout
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
 
@@ -35,7 +34,7 @@ def initial_states(scenes: Scene) -> State:
 def carried_state(state: State, model: Model) -> State:
     """A user's state in the form that compiled loops carry."""
     names = [name.removeprefix("v_") for name in Motion._fields]
-    keep = lambda name, pair: tuple(pair[i] if model.parts.has(name, i) else ABSENT for i in (0, 1))
+    keep = lambda name, pair: tuple(pair[i] if model.parts.has(name, i) else ZERO for i in (0, 1))
     motion = Motion(*(keep(name, pair) for name, pair in zip(names, as_pairs(state.motion), strict=True)))
     u_s = model.law.carried_slider(state.u_s, state.mode)
     return State(motion, u_s, model.law.carried_mode(state.mode), state.case)
@@ -158,7 +157,7 @@ def _forces_of_block(scenes: Scene, states: State, turns) -> ContactForces:
         def one(state: State, turns) -> ContactForces:
             carried = carried_state(state, model)
             forces = contact_forces(drive_waves(*sincos_turns(turns), model.drive), carried, model)
-            force = lambda a: jnp.zeros_like(forces.v) if is_absent(a) else a
+            force = lambda a: jnp.zeros_like(forces.v) if is_zero(a) else a
             lost = jnp.isnan(forces.v)
             of_points = stacked_point_forces(forces.points, jnp.zeros_like(forces.v))
             forces = forces._replace(N=force(forces.N), F=force(forces.F), points=of_points)

@@ -9,9 +9,9 @@ import numpy as np
 from jaxshroud.batch.cubics import RunningAmplitudes, SampledAmplitudes
 from jaxshroud.batch.sampling import EventStates, SampleGrid, Stretch, concatenated_events
 from jaxshroud.batch.states import final_states, shroud_motion
+from jaxshroud.march.accumulator import ContactTimes
 from jaxshroud.march.observables import ContactForces
-from jaxshroud.march.tally import ContactTimes
-from jaxshroud.model.arithmetic import ABSENT, is_absent
+from jaxshroud.model.arithmetic import ZERO, is_zero
 from jaxshroud.model.contact_law import ContactLoads
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import by_point, interface_mode
@@ -100,9 +100,9 @@ def march_in_stretches(
 
 def values_by_name(states: State, forces: ContactForces) -> dict[str, Any]:
     """What is told of states and forces, by the names of results; what a model lacks is left out."""
-    of_face = {name: a for name, a in forces._replace(points=ABSENT)._asdict().items() if not is_absent(a)}
+    of_face = {name: a for name, a in forces._replace(points=ZERO)._asdict().items() if not is_zero(a)}
     slider, states_of_points = np.where(states.mode == Mode.APART, np.nan, states.u_s), {}
-    if not is_absent(forces.points):
+    if not is_zero(forces.points):
         of_each = {"mode": states.mode, "u_s": slider, **forces.points._asdict()}
         states_of_points = {f"point_{name}": a for name, a in of_each.items()}
     return {

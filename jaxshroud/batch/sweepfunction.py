@@ -9,21 +9,20 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.batch.input_status import admit, status_if_admitted
+from jaxshroud.batch.march_protocol import SweepPlan
 from jaxshroud.batch.marches import march_of, require_march
 from jaxshroud.batch.periods import LANES_PER_CALL
-from jaxshroud.batch.pure_march import SweepPlan
 from jaxshroud.batch.states import initial_states
-from jaxshroud.batch.stopped import nan_where, replaced_where
+from jaxshroud.batch.stopped import admit, nan_where, replaced_where, status_if_admitted
 from jaxshroud.batch.xla import compiled
 from jaxshroud.march.method import EXPLICIT, Choices, Method, explicit
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import area, free_power, means_from_static, power_reduction, vibration_square
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
-from jaxshroud.scene.capabilities import require_points
 from jaxshroud.scene.checks import InputError, count_argument
 from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.layout import require_points
 from jaxshroud.scene.scene import PerBlade, Scene
 from jaxshroud.scene.typed import Tree, typed
 from jaxshroud.scene.valid import in_precision

@@ -25,11 +25,11 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Int
 
+from jaxshroud.cache.programs import is_traced, kept
 from jaxshroud.march.carry import EachLane
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import StageGroups, stepper_for
 from jaxshroud.model.arithmetic import Scalar
-from jaxshroud.programs.kept import is_traced, kept
 from jaxshroud.scene.typed import Tree
 
 WIDE_VECTORS = {"xla_cpu_prefer_vector_width": 512}  # the widest registers, where the CPU has them
@@ -236,7 +236,7 @@ def stage_groups(method: Choices, long_law: bool) -> StageGroups | None:
         return ()
     size = len(method.rk.b)
     if size <= STAGES_WITH_EVENTS and not method.derivative:
-        return () if method.has_long_tally else None
+        return () if method.has_long_accumulator else None
     at_once = DUAL_STAGES if method.derivative else STAGES_AT_ONCE
     at_once = int(at_once * LONG_LAW_STAGE_SHARE) if long_law else at_once
     return tuple(range(at_once, size, at_once))

@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.batch.limits import CallPace
 from jaxshroud.batch.marches import march_of
-from jaxshroud.batch.pace import CallPace
 from jaxshroud.batch.periods import Clock, lanes_per_call
 from jaxshroud.batch.plan import Plan, Runs, run_log
 from jaxshroud.batch.sampling import SampleGrid

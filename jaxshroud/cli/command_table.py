@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-from jaxshroud.cli.arg_types import count, engine_orders, number, path, positive, shares, speed, width
 from jaxshroud.cli.option_table import (
     METHOD_FLAGS,
     SCATTER_FLAGS,
@@ -10,7 +9,15 @@ from jaxshroud.cli.option_table import (
     AxisPart,
     NewAxis,
     Option,
+    count,
+    engine_orders,
+    number,
+    path,
+    positive,
     shared_option,
+    shares,
+    speed,
+    width,
 )
 from jaxshroud.march.method_names import LINEAR_STATES, RANKED_BY, RESPONSES
 from jaxshroud.scene.quantities import REQUIRED_REDUCTIONS
@@ -90,7 +97,7 @@ COMMANDS = {
         module="sweep",
     ),
     "explore": Command(
-        "Look at a scene on a page of this machine: a click on its diagram shows the motion.",
+        "Appearance at a scene on a page of this machine: a click on its diagram shows the motion.",
         "jaxshroud explore fig09_best",
         (
             *SCENE_FLAGS[:2],

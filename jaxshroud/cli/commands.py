@@ -1,25 +1,88 @@
-"""The command line: parse it, run the command, and end with an exit status.
+"""The command line: its parser from the table of commands, and the command run to an exit status.
 
 Exit status 0: done (a run that stopped early is a warning). 1: the machine or the numbers failed. 2: the input is
 wrong, one line says where. 130: interrupted. 141: standard output is closed.
 """
 
+import argparse
 import logging
 import os
+import re
 import sys
 import warnings
 from argparse import Namespace
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from importlib import import_module
+from typing import Any, NoReturn
 
 import jaxshroud
 from jaxshroud.cli.command_table import COMMANDS
-from jaxshroud.cli.drawing import failed_pictures
-from jaxshroud.cli.parser import join_negative_values, parser
-from jaxshroud.cli.terminal import interruptible, is_numerical_failure, one_line
+from jaxshroud.cli.computation import failed_pictures
+from jaxshroud.cli.option_table import SHARED_OPTIONS, Option
+from jaxshroud.cli.terminal import CommandError, interruptible, is_numerical_failure, one_line
 from jaxshroud.io import files
-from jaxshroud.scene.checks import InputError, MachineError
+from jaxshroud.scene.checks import InputError, MachineError, hint
+from jaxshroud.version import __version__
+
+NOT_TEXT = re.compile("[\0\ud800-\udfff]")  # NUL, and what Python makes of bytes that are not UTF-8
+OPTION_NAME = re.compile(r"--[\w-]+")  # an option without its value
+NEGATIVE_NUMBER = re.compile(r"-\.?\d")  # the start of one
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """An argument parser whose errors are one line, and which knows what a misspelt word may have meant."""
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            raise argparse.ArgumentError(action, f"cannot be {value!r}{hint(str(value), [*action.choices])}")
+
+    def error(self, message: str) -> NoReturn:
+        """Leave with status 2."""
+        raise CommandError(f"{self.prog}: {message}; see {self.prog} --help")
+
+
+def join_negative_values(arguments: Sequence[str]) -> list[str]:
+    """The words of a command line, with a value such as `-2mm` joined to its option: argparse takes it for another.
+
+    Raises:
+        CommandError: A word is not text.
+    """
+    joined: list[str] = []
+    for word in arguments:
+        if NOT_TEXT.search(word):
+            raise CommandError(f"{word[:60]!a}: holds a NUL or bytes that are no UTF-8; give text")
+        if NEGATIVE_NUMBER.match(word) and joined and OPTION_NAME.fullmatch(joined[-1]):
+            word = f"{joined.pop()}={word}"
+        joined.append(word)
+    return joined
+
+
+def parser() -> OneLineParser:
+    """The parser of all commands."""
+    top = OneLineParser(
+        prog="jaxshroud",
+        description="Rub-impact dynamics of two shrouded blades under bending-torsion coupling.",
+    )
+    top.add_argument("--version", action="version", version=__version__)
+    subparsers = top.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=OneLineParser)
+    for name, command in COMMANDS.items():
+        subparser = subparsers.add_parser(
+            name,
+            help=command.text,
+            description=command.text,
+            epilog=f"example:\n  {command.example}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        add_options(subparser, command.options)
+    return top
+
+
+def add_options(parser: argparse.ArgumentParser, options: Iterable[str | Option]) -> None:
+    """Let a parser take options, those of the table by their names."""
+    for option in options:
+        (SHARED_OPTIONS[option] if isinstance(option, str) else option).add_to(parser)
+
 
 SHOW_CURSOR = "\x1b[?25h"  # which the progress bar hides
 
@@ -43,9 +106,9 @@ def _run(words: Sequence[str], at_end: ExitStack) -> int:
     """Run the command of these words and return its exit status."""
     try:
         options = parser().parse_args(join_negative_values(words))
-        ahead = _load_ahead(options, at_end)
+        prefetching = _prefetch(options, at_end)
         command = _command(options.verb)
-        if not ahead and "jax" in sys.modules:
+        if not prefetching and "jax" in sys.modules:
             set_up_jax()
     except Exception as error:
         return _exit_status(error)
@@ -54,7 +117,7 @@ def _run(words: Sequence[str], at_end: ExitStack) -> int:
             with files.results_together():
                 command(options)
             sys.stdout.flush()
-            if ahead:
+            if prefetching:
                 _keep_list()
         except KeyboardInterrupt as interrupt:
             _printed_interruption.append(_interruption_message(*map(str, interrupt.args)))
@@ -76,21 +139,21 @@ def _status_of_places() -> int:
     return 1
 
 
-def _load_ahead(options: Namespace, at_end: ExitStack) -> bool:
+def _prefetch(options: Namespace, at_end: ExitStack) -> bool:
     """Load the programs of a command about a scene while it is imported, until the end; False for other commands."""
     scene = getattr(options, "scene", None)
     if scene is None:
         return False
     set_up_jax()
-    from jaxshroud.programs.kept import load_ahead, stop_ahead
+    from jaxshroud.cache.programs import prefetch, stop_prefetch
 
-    at_end.callback(stop_ahead)
-    load_ahead(f"{options.verb} {scene}")
+    at_end.callback(stop_prefetch)
+    prefetch(f"{options.verb} {scene}")
     return True
 
 
 def _keep_list() -> None:
-    from jaxshroud.programs.kept import keep_list
+    from jaxshroud.cache.programs import keep_list
 
     keep_list()
 
@@ -109,7 +172,7 @@ def set_up_jax() -> None:
     """Float64, and programs of all sizes kept on disk; commands print themselves which lanes stopped."""
     import jax
 
-    from jaxshroud.batch.cache import cache_compilations
+    from jaxshroud.batch.compilation_cache import cache_compilations
     from jaxshroud.io.lane_status import AccuracyWarning, LaneWarning
 
     for category in (LaneWarning, AccuracyWarning):

@@ -1,23 +1,29 @@
-"""How a command computes: load its scene, choose a method, call its verb, write and print the result."""
+"""How a command computes: load its scene, choose a method, call its verb, write and print the result.
+
+Imports go on in a thread of their own, while programs are loaded and scenes are marched, which needs little Python. A
+picture that fails is told at the end, after all else is written.
+"""
 
 import argparse
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
+from threading import Thread
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jaxshroud
 from jaxshroud.batch.plan import Progress
 from jaxshroud.batch.xla import one_lane
-from jaxshroud.cli.background_import import DATASETS, PDF_PICTURES, PICTURES, STATISTICS, import_in_background
 from jaxshroud.cli.command_table import COMMANDS
-from jaxshroud.cli.drawing import draw
 from jaxshroud.cli.run_options import accuracy_warnings_printed, load_scene, resolve_march
 from jaxshroud.cli.terminal import (
     files_written,
     input_errors_at,
     make_directory,
+    one_line,
     print_table,
     progress_bar,
     require_free,
@@ -30,6 +36,39 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.plan import Trials
 from jaxshroud.version import __version__
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+failed_pictures: list[str] = []  # of this command, with the reasons
+
+
+def draw(figure: Callable[[], "Figure"], *paths: Path) -> None:
+    """Write the picture that `figure` draws to files; where that fails, the command says so at its end."""
+    from jaxshroud.plotting.style import save_figure
+
+    try:
+        save_figure(figure(), *paths)
+    except Exception as error:
+        names = ", ".join(map(str, paths))
+        failed_pictures.append(f"{names}: cannot be drawn ({one_line(error) or type(error).__name__})")
+
+
+DATASETS = ("xarray", "h5netcdf")
+STATISTICS = ("scipy.special",)
+PICTURES = ("jaxshroud.plotting.pictures",)
+PDF_PICTURES = ("matplotlib.backends.backend_pdf",)
+
+
+def import_in_background(modules: Sequence[str]) -> None:
+    """Import modules, if they exist, meanwhile: an import statement of one of them waits until it has been imported."""
+    Thread(target=_import_all, args=(modules,)).start()
+
+
+def _import_all(modules: Sequence[str]) -> None:
+    with suppress(ImportError):
+        for name in modules:
+            import_module(name)
 
 
 class VerbCall(NamedTuple):

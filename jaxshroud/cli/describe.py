@@ -53,8 +53,8 @@ def explain_command(options: argparse.Namespace) -> None:
 
 
 def _explanation_rows(explanation: Any, choice: Any) -> dict[str, Any]:
-    from jaxshroud.programs.kept import where_kept
-    from jaxshroud.scene.parts import Parts
+    from jaxshroud.cache.programs import where_kept
+    from jaxshroud.scene.layout import Parts
 
     parts = explanation.parts
     lacks = [f"{n}: {part}" for n, part, full in zip(Parts._fields, parts, Parts(), strict=True) if part != full]

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 import jaxshroud
+from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Progress
-from jaxshroud.batch.size_limits import check_size
-from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, write_files
-from jaxshroud.cli.drawing import draw
+from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, draw, write_files
 from jaxshroud.cli.run_options import bounds, limits, load_scene, operating_conditions, scatters
 from jaxshroud.cli.terminal import (
     CommandError,
@@ -23,7 +22,6 @@ from jaxshroud.cli.terminal import (
 from jaxshroud.io.files import write
 from jaxshroud.io.store import write_json
 from jaxshroud.march.method import FOR_P_D
-from jaxshroud.motion.levels import check_vibration
 from jaxshroud.results.scatter import SHARES, Report, Scatter
 from jaxshroud.results.tuned import Tuned
 from jaxshroud.scene.file import SceneFile
@@ -32,9 +30,10 @@ from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.quantities import is_reduction, unit_of
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
-from jaxshroud.verbs.ascent import SearchOptions
+from jaxshroud.signals.amplitudes import check_vibration
 from jaxshroud.verbs.design_problem import check_comparable, design_corners, problem_of
-from jaxshroud.verbs.report_request import report_request, varied_by
+from jaxshroud.verbs.gradient_ascent import SearchOptions
+from jaxshroud.verbs.report import report_request, varied_by
 from jaxshroud.verbs.report_sections import MM_PER_M, Limits
 from jaxshroud.verbs.robust import robustness_request
 from jaxshroud.verbs.scattering import scatter_bounds, scattering_of

@@ -12,9 +12,9 @@ def serve_scene(scene: str) -> None:
     """Serve a tab about a scene until its server closes standard input."""
     with redirect_stderr(StringIO()):  # what there is to say, the server has said
         set_up_jax()
-    from jaxshroud.programs.kept import keep_list, load_ahead
+    from jaxshroud.cache.programs import keep_list, prefetch
 
-    load_ahead(f"explore {scene}")
+    prefetch(f"explore {scene}")
     serve(keep_list)
 
 

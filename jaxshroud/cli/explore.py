@@ -41,11 +41,10 @@ def explore_command(options: argparse.Namespace) -> None:
 
 
 def _serve(exploration: "Exploration", options: argparse.Namespace) -> None:
-    from jaxshroud.explorer.opening import redirecting_file
-    from jaxshroud.explorer.server import ExploreServer
-    from jaxshroud.programs.kept import stop_ahead
+    from jaxshroud.cache.programs import stop_prefetch
+    from jaxshroud.explorer.server import ExploreServer, redirecting_file
 
-    stop_ahead()  # the engines load programs
+    stop_prefetch()  # the engines load programs
     engine = [sys.executable, "-m", "jaxshroud.cli.engine", exploration.name]
     server = ExploreServer(exploration, str(options.accuracy), engine, options.port)
     opened = ExitStack()
@@ -61,7 +60,7 @@ def _serve(exploration: "Exploration", options: argparse.Namespace) -> None:
 
 
 def _write_page(exploration: "Exploration", options: argparse.Namespace) -> None:
-    from jaxshroud.explorer.written_page import written_page
+    from jaxshroud.explorer.page import written_page
 
     path = Path(options.out)
     if path.suffix != ".html":

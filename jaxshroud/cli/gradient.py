@@ -5,8 +5,7 @@ import sys
 from typing import Any, cast
 
 from jaxshroud.batch.plan import Progress
-from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_verb
-from jaxshroud.cli.drawing import draw
+from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_verb, draw
 from jaxshroud.cli.terminal import (
     CommandError,
     files_written,
@@ -18,14 +17,14 @@ from jaxshroud.cli.terminal import (
 )
 from jaxshroud.io.store import write_json
 from jaxshroud.march.method import FOR_P_D
-from jaxshroud.motion.bifurcation import grazing_margins
-from jaxshroud.motion.effects import Effect, with_interval
-from jaxshroud.motion.levels import check_resonance, check_vibration
+from jaxshroud.orbits.bifurcation import grazing_margins
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import parse_key
 from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.quantities import Quantity, is_reduction, unit_of
+from jaxshroud.signals.amplitudes import check_resonance, check_vibration
+from jaxshroud.signals.effects import Effect, with_interval
 from jaxshroud.verbs.gradient import differences
 
 CHECK_STEPS = (1e-4, 3e-5, 1e-5)  # relative

@@ -18,12 +18,12 @@ from jaxshroud.cli.terminal import CommandError, files_written, print_columns, p
 from jaxshroud.io.unfinished_store import remove_store
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.results.mistuned import Mistuned
-from jaxshroud.scene.axes import axis
 from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.layout import SINGLE_DIRECTIONS
 from jaxshroud.scene.mistuning import NO_PATTERN
-from jaxshroud.scene.parts import SINGLE_DIRECTIONS
+from jaxshroud.scene.overrides import axis
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.title import display_value
 from jaxshroud.verbs.mistune import pattern_rows, search_size

@@ -7,18 +7,18 @@ from typing import Any
 import numpy as np
 
 import jaxshroud
+from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Progress
-from jaxshroud.batch.size_limits import check_size
 from jaxshroud.cli.computation import (
     CompletedCall,
     Computation,
     VerbCall,
     call_verb,
+    draw,
     print_result,
     with_origin,
     write_files,
 )
-from jaxshroud.cli.drawing import draw
 from jaxshroud.cli.terminal import (
     CommandError,
     files_written,
@@ -30,15 +30,15 @@ from jaxshroud.cli.terminal import (
 )
 from jaxshroud.io.store import write_json
 from jaxshroud.march.method import FOR_P_D
-from jaxshroud.motion.effects import between, with_interval
 from jaxshroud.results.attractors import Attractors
 from jaxshroud.results.branch import Branch
 from jaxshroud.results.sweep import SweepResult
-from jaxshroud.scene.axes import axis
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.layout import PAIR
+from jaxshroud.scene.overrides import axis
 from jaxshroud.scene.scene import Scene
+from jaxshroud.signals.effects import between, with_interval
 
 BACKGROUND_FILE = "sweep.nc"  # the sweep behind a branch
 NOT_IN_BRANCH_TABLE = ("along", "special", "ends", "scene", "version")  # of its summary

@@ -4,14 +4,13 @@ import sys
 from collections.abc import Sequence
 from datetime import timedelta
 
+from jaxshroud.batch.limits import results_size, sweep_memory
 from jaxshroud.batch.periods import lanes_per_call
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.projection import projected_seconds
-from jaxshroud.batch.size_limits import results_size, sweep_memory
 from jaxshroud.batch.threads import cores
 from jaxshroud.cli.terminal import progress_bar
-from jaxshroud.scene.layout import PAIR
-from jaxshroud.scene.parts import Direction
+from jaxshroud.scene.layout import PAIR, Direction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.valid import in_precision
 

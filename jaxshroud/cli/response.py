@@ -9,10 +9,10 @@ from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call
 from jaxshroud.cli.terminal import CommandError, files_written, print_columns, print_table
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.results.response import Response
-from jaxshroud.scene.axes import axis
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.overrides import axis
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
 

@@ -11,15 +11,14 @@ from jaxshroud.cli.terminal import CommandError, input_errors_at
 from jaxshroud.io.lane_status import AccuracyWarning
 from jaxshroud.march.method import Choices, Method, RungeKutta, Taylor
 from jaxshroud.march.stability import step_report, stiffest
-from jaxshroud.scene.axes import axis, size_in_si
 from jaxshroud.scene.config import load
 from jaxshroud.scene.file import Axis, SceneFile
+from jaxshroud.scene.overrides import axis, size_in_si
 from jaxshroud.scene.scene import Scene
-from jaxshroud.verbs.asked import MarchPlan
-from jaxshroud.verbs.checks import check_verb
+from jaxshroud.verbs.arguments import check_verb
+from jaxshroud.verbs.asked import Choice, MarchPlan
 from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.plan import Trials, choose_method, plan_march
-from jaxshroud.verbs.setting import Choice
 
 METHOD_OPTIONS = ("tableau", "order", "step_tolerance", "locate", "precision")
 CHOSEN_BY_ACCURACY = ("steps_per_period", *METHOD_OPTIONS)

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from jaxshroud.batch.limits import STEP_BYTES, check_memory, check_size
 from jaxshroud.batch.plan import Progress
-from jaxshroud.batch.size_limits import STEP_BYTES, check_memory, check_size
-from jaxshroud.cli.background_import import DATASETS
 from jaxshroud.cli.computation import (
+    DATASETS,
     CompletedCall,
     Computation,
     VerbCall,
@@ -23,15 +23,15 @@ from jaxshroud.io.restart import StoredEnd, stored_end
 from jaxshroud.march.method import FOR_P_D_WITH_LEDGER, REFERENCE
 from jaxshroud.march.tableau import MIN_STEPS
 from jaxshroud.model.modes import Status
-from jaxshroud.motion.effects import with_interval
-from jaxshroud.motion.levels import check_vibration
-from jaxshroud.motion.short_runs import trajectory_ends
+from jaxshroud.orbits.short_runs import trajectory_ends
 from jaxshroud.results.amplitudes import amplitude_numbers, load_numbers
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.preload import is_preloaded
-from jaxshroud.verbs.checks import check_row
-from jaxshroud.verbs.setting import LEVELS
+from jaxshroud.signals.amplitudes import check_vibration
+from jaxshroud.signals.effects import with_interval
+from jaxshroud.verbs.arguments import check_row
+from jaxshroud.verbs.asked import LEVELS
 
 
 def _simulate_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:

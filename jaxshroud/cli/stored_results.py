@@ -32,15 +32,15 @@ def plot_command(options: argparse.Namespace) -> None:
     picture = options.out or source.with_suffix(f".{options.format or 'png'}")
     if options.format and picture.suffix[1:].lower() != options.format:
         raise CommandError(f"{picture}: is named otherwise than --format {options.format}; give one of them")
-    look = _look(options)
+    appearance = _appearance(options)
     if options.out is not None:
         require_free(options.out, options.force)
     if source.suffix == ".json":
         if options.kind is not None:
             raise CommandError(f"{source}: --kind is for stored runs")
-        draw_json(source, read_json(source), picture, look)
+        draw_json(source, read_json(source), picture, appearance)
     else:
-        draw_dataset(source, read(source), picture, options.kind, look)
+        draw_dataset(source, read(source), picture, options.kind, appearance)
     print(place_of(picture))
 
 
@@ -55,15 +55,15 @@ def _result_in(source: Path) -> Path:
     raise CommandError(f"{source}: holds neither {kinds}; give a result of jaxshroud")
 
 
-def _look(options: argparse.Namespace) -> dict[str, Any]:
+def _appearance(options: argparse.Namespace) -> dict[str, Any]:
     """The options of a picture that were given."""
-    from jaxshroud.plotting.style import Look
+    from jaxshroud.plotting.style import Appearance
 
-    return {name: value for name in Look._fields if (value := getattr(options, name)) is not None}
+    return {name: value for name in Appearance._fields if (value := getattr(options, name)) is not None}
 
 
 def draw_dataset(
-    source: Path, ds: "xr.Dataset", picture: Path, kind: str | None = None, look: Mapping[str, Any] | None = None
+    source: Path, ds: "xr.Dataset", picture: Path, kind: str | None = None, appearance: Mapping[str, Any] | None = None
 ) -> None:
     """Draw a sweep, or a trajectory in one of its kinds of pictures."""
     from jaxshroud.results.base import result_from_dataset
@@ -71,17 +71,17 @@ def draw_dataset(
     if kind in SWEEP_KINDS and isinstance(ds.attrs.get("axes"), str):
         from jaxshroud.plotting.pictures import picture as drawn
 
-        _save(source, lambda: drawn(kind, ds, **(look or {})), picture)
+        _save(source, lambda: drawn(kind, ds, **(appearance or {})), picture)
         return
     if kind is not None and "end_turns" not in ds.attrs:
         kind_text = "a sweep" if isinstance(ds.attrs.get("axes"), str) else "no stored run"
         raise CommandError(f"{source}: is {kind_text}; --kind is for stored runs")
     options = {} if kind is None else {"kind": kind}
     result = result_from_dataset(ds, source)
-    _save(source, lambda: result.plot(**options, **(look or {})), picture)
+    _save(source, lambda: result.plot(**options, **(appearance or {})), picture)
 
 
-def draw_json(source: Path, data: Any, picture: Path, look: Mapping[str, Any] | None = None) -> None:
+def draw_json(source: Path, data: Any, picture: Path, appearance: Mapping[str, Any] | None = None) -> None:
     """Draw a convergence of P_d, a tuning or a trade."""
     from jaxshroud.plotting.pictures import picture as drawn
 
@@ -94,7 +94,7 @@ def draw_json(source: Path, data: Any, picture: Path, look: Mapping[str, Any] | 
     kind = next((kind for kind, needed in kinds if keys >= needed), None)
     if kind is None:
         raise StoreError(f"{source}: not a result of jaxshroud; give a power.json, tune.json or trade.json")
-    _save(source, lambda: drawn(kind, data, **(look or {})), picture)
+    _save(source, lambda: drawn(kind, data, **(appearance or {})), picture)
 
 
 @contextmanager
@@ -157,7 +157,7 @@ def animate_command(options: argparse.Namespace) -> None:
     data = read(options.source)
     if "end_turns" not in data.attrs:
         raise CommandError(f"{options.source}: not a run; give a file written by `jaxshroud simulate`")
-    look = {"periods": options.periods, "factor": options.factor, "title": options.title}
+    appearance = {"periods": options.periods, "factor": options.factor, "title": options.title}
     with progress_bar("frames") as report, damage_reported(options.source):
-        factor = save_animation(data, options.out, **look, progress=report)
+        factor = save_animation(data, options.out, **appearance, progress=report)
     print(f"{place_of(options.out)} (motion and gap exaggerated {factor:g}-fold)")

@@ -11,14 +11,11 @@ from typing import Any, NamedTuple, NoReturn
 import jax
 import numpy as np
 
+from jaxshroud.batch.limits import check_size, results_size
 from jaxshroud.batch.plan import Plan
-from jaxshroud.batch.size_limits import check_size, results_size
 from jaxshroud.batch.threads import Interrupted
-from jaxshroud.cli.arg_types import count
-from jaxshroud.cli.background_import import DATASETS, PICTURES, STATISTICS, import_in_background
-from jaxshroud.cli.computation import with_origin
-from jaxshroud.cli.drawing import draw
-from jaxshroud.cli.option_table import Along
+from jaxshroud.cli.computation import DATASETS, PICTURES, STATISTICS, draw, import_in_background, with_origin
+from jaxshroud.cli.option_table import Along, count
 from jaxshroud.cli.projection import print_projection_of_long_run
 from jaxshroud.cli.run_options import accuracy_warnings_printed, load_scene, resolve_march
 from jaxshroud.cli.terminal import (
@@ -35,18 +32,18 @@ from jaxshroud.io.store import write_json
 from jaxshroud.io.unfinished_store import BEGUN, remove_store, write_attributes
 from jaxshroud.march.method import FOR_P_D, FOR_P_D_WITH_LEDGER
 from jaxshroud.model.modes import Status
-from jaxshroud.motion.effects import with_interval
 from jaxshroud.results.sweep import SweepResult
-from jaxshroud.scene.axes import axis
 from jaxshroud.scene.checks import MAX_VALUES
 from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.keys import parse_key
-from jaxshroud.scene.parts import SINGLE_DIRECTIONS
+from jaxshroud.scene.layout import SINGLE_DIRECTIONS
+from jaxshroud.scene.overrides import axis
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
+from jaxshroud.signals.effects import with_interval
+from jaxshroud.verbs.arguments import check_row
 from jaxshroud.verbs.asked import MarchPlan
-from jaxshroud.verbs.checks import check_row
 from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE, sweep
 
 RESUME_ADVICE = "; the same command with --resume goes on"

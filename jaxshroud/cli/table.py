@@ -9,7 +9,7 @@ from jaxshroud.batch.threads import cores
 from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_with_accuracy_warnings, print_result
 from jaxshroud.cli.projection import LONG_RUN_STEPS, print_projection
 from jaxshroud.cli.terminal import CommandError, input_errors_at, progress_bar, shortened
-from jaxshroud.io.csv_columns import read_csv
+from jaxshroud.io.csv_text import read_csv
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.march.method_names import LARGEST_FIRST
 from jaxshroud.results.base import ORIGIN

@@ -11,9 +11,9 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
+from jaxshroud.cache.programs import is_compiling
 from jaxshroud.io import files
 from jaxshroud.model.modes import Status
-from jaxshroud.programs.compiling import is_compiling
 from jaxshroud.scene.checks import InputError, NumericalError, StoreError
 from jaxshroud_command import END_SIGNALS
 

@@ -7,20 +7,18 @@ from bokeh.models import Div, RadioButtonGroup, Select, TextInput
 
 from jaxshroud.explorer.controls import buttons, told
 from jaxshroud.explorer.diagram import Window
-from jaxshroud.explorer.diagram_panel import DiagramPanel
-from jaxshroud.explorer.exploration import Exploration
-from jaxshroud.explorer.fields import few_digits, number_fields
-from jaxshroud.explorer.look import Recolouring, above_each_other, beside, styled, wide
-from jaxshroud.explorer.map_panel import MapPanel
+from jaxshroud.explorer.exploration import Exploration, few_digits, number_fields
+from jaxshroud.explorer.messages import note_html
+from jaxshroud.explorer.panels import DiagramPanel, MapPanel
 from jaxshroud.explorer.saves import OF_A_SERVER
-from jaxshroud.explorer.words import note_html
+from jaxshroud.explorer.styles import Recolouring, above_each_other, beside, styled, wide
 from jaxshroud.results.sweep import SweepResult
-from jaxshroud.scene.axes import axis
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import Key, parse_key
-from jaxshroud.scene.parts import Direction
-from jaxshroud.scene.shown import read_shown, shown_text
+from jaxshroud.scene.layout import Direction
+from jaxshroud.scene.overrides import axis
+from jaxshroud.scene.text import read_shown, shown_text
 
 WAYS: dict[str, Direction] = {
     "from rest": "independent",

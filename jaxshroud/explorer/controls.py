@@ -5,13 +5,11 @@ from typing import Any
 
 from bokeh.models import Button, Div, Select, Slider, TextInput
 
-from jaxshroud.explorer.exploration import Exploration
-from jaxshroud.explorer.fields import DIGITS, FIRST_FIELDS, NumberField, number_fields
-from jaxshroud.explorer.look import above_each_other, beside, styled, wide
-from jaxshroud.explorer.words import note_html
-from jaxshroud.scene.layout import PAIR
-from jaxshroud.scene.parts import ACCURACIES
-from jaxshroud.scene.shown import override_of
+from jaxshroud.explorer.exploration import DIGITS, FIRST_FIELDS, Exploration, NumberField, number_fields
+from jaxshroud.explorer.messages import note_html
+from jaxshroud.explorer.styles import above_each_other, beside, styled, wide
+from jaxshroud.scene.layout import ACCURACIES, PAIR
+from jaxshroud.scene.text import override_of
 
 Change = Callable[[str, str], None]  # called with a key and the text of its value; raises InputError
 CHOICES: Mapping[str, Mapping[str, str]] = {  # key -> words on the page -> text of the value

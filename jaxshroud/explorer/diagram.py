@@ -8,7 +8,7 @@ import numpy as np
 from jaxshroud.march.method import Method
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.parts import Direction
+from jaxshroud.scene.layout import Direction
 from jaxshroud.verbs.sweep import sweep
 
 COARSE_VALUES = 200

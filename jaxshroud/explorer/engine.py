@@ -63,20 +63,20 @@ class Engine:
 
 
 class Engines:
-    """Engines for tabs that come: one is started ahead, as it takes some seconds."""
+    """Engines for tabs that come: one is started early, as it takes some seconds."""
 
     def __init__(self, command: Sequence[str]):
-        self.command, self.ahead = command, Engine(command)
+        self.command, self.spare = command, Engine(command)
 
     def take(self) -> Engine:
         """An engine that nobody has."""
-        engine, self.ahead = self.ahead, None
+        engine, self.spare = self.spare, None
         return engine or Engine(self.command)
 
     def close(self) -> None:
         """End the one that nobody has taken."""
-        if self.ahead is not None:
-            self.ahead.close()
+        if self.spare is not None:
+            self.spare.close()
 
 
 def serve(done: Callable[[], None]) -> None:

@@ -1,18 +1,25 @@
-"""The computations that a page asks for, each in a thread of its own that leaves the cores to what is wanted first."""
+"""The computations that a page asks for, each in a thread of its own that leaves the cores to what is wanted first.
+
+What a tab wishes is data, which goes to its engine; the jobs fulfil it there.
+"""
 
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from jaxshroud.explorer.diagram import Amount, Window, diagram, joined, joined_map, map_axes, map_piece
 from jaxshroud.explorer.exploration import Exploration, method_on_page
+from jaxshroud.explorer.saves import result_file
 from jaxshroud.explorer.worker import Continue, Job
 from jaxshroud.march.method import Method
+from jaxshroud.results.base import Result
 from jaxshroud.results.diagnosis import Diagnosis
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.trajectory import Trajectory
-from jaxshroud.scene.parts import Direction
+from jaxshroud.scene.layout import Direction
 from jaxshroud.verbs.diagnose import diagnose
 from jaxshroud.verbs.simulate import simulate
 
@@ -173,3 +180,82 @@ def verdict_job(
         show(found)
 
     return job
+
+
+Show = Callable[..., None]  # called with what was found
+Tell = Callable[[int, float], None]  # called with the level and the share of it that is done
+Busy = Callable[[str], bool]  # whether the worker of this name is at work
+
+
+@dataclass(frozen=True)
+class RunWish:
+    """The motion of a scene."""
+
+    exploration: Exploration
+    method: tuple[Exploration, str]  # the scene and the accuracy that it is chosen for
+    periods: int
+
+    def job(self, methods: Methods, show: Show, tell: Tell, busy: Busy) -> Job:
+        """The job."""
+        return run_job(self.exploration, partial(methods.method, *self.method), self.periods, show)
+
+
+@dataclass(frozen=True)
+class DiagramWish:
+    """A diagram."""
+
+    method: tuple[Exploration, str]
+    window: Window
+    direction: Direction
+    amount: Amount
+
+    def job(self, methods: Methods, show: Show, tell: Tell, busy: Busy) -> Job:
+        """The job."""
+        march, progress = partial(methods.method, *self.method), _progress(tell, lambda: busy("run"))
+        return diagram_job(self.method[0], march, self.window, self.direction, self.amount, progress, show)
+
+
+@dataclass(frozen=True)
+class MapWish:
+    """A map over the keys of two windows."""
+
+    method: tuple[Exploration, str]
+    windows: tuple[Window, Window]
+    amount: Amount
+
+    def job(self, methods: Methods, show: Show, tell: Tell, busy: Busy) -> Job:
+        """The job."""
+        march, progress = partial(methods.method, *self.method), _progress(tell, lambda: busy("run"))
+        return map_job(self.method[0], march, *self.windows, self.amount, progress, show)
+
+
+@dataclass(frozen=True)
+class VerdictWish:
+    """The verdict on the motion of a scene."""
+
+    exploration: Exploration
+    method: tuple[Exploration, str]
+
+    def job(self, methods: Methods, show: Show, tell: Tell, busy: Busy) -> Job:
+        """The job."""
+        first = lambda: busy("run") or busy("diagram")
+        return verdict_job(self.exploration, partial(methods.method, *self.method), first, show)
+
+
+@dataclass(frozen=True)
+class SaveWish:
+    """A result as a file."""
+
+    name: str
+    result: Result
+
+    def job(self, methods: Methods, show: Show, tell: Tell, busy: Busy) -> Job:
+        """The job."""
+        return lambda go_on: show(result_file(self.name, self.result))
+
+
+Wish = RunWish | DiagramWish | MapWish | VerdictWish | SaveWish
+
+
+def _progress(tell: Tell, first: Yield) -> Callable[[Continue, int], YieldingProgress]:
+    return lambda go_on, level: YieldingProgress(go_on, lambda share: tell(level, share), first)

@@ -1,4 +1,4 @@
-"""The page of one tab: what it shows, and what follows from a change."""
+"""The page of one tab: what it shows, what follows from a change, and the page as a file."""
 
 from collections.abc import Callable
 from functools import partial
@@ -8,14 +8,18 @@ from bokeh.document import Document
 from bokeh.events import ClientReconnected, ConnectionLost, DocumentReady
 from bokeh.models import CustomJS, Div, Toggle
 
+from jaxshroud.batch.plan import Progress
 from jaxshroud.explorer.centre import Centre
 from jaxshroud.explorer.controls import Controls
-from jaxshroud.explorer.diagram import OF_A_ROW, Amount, Window
+from jaxshroud.explorer.diagram import OF_A_ROW, Amount, Window, diagram
 from jaxshroud.explorer.engine import ENDED, WORKERS, Engine, Message
 from jaxshroud.explorer.exploration import Exploration
-from jaxshroud.explorer.jobs import Methods
-from jaxshroud.explorer.keeping import Keeping
-from jaxshroud.explorer.look import (
+from jaxshroud.explorer.export import Keeping
+from jaxshroud.explorer.jobs import DiagramWish, MapWish, Methods, RunWish, SaveWish, VerdictWish, Wish
+from jaxshroud.explorer.messages import motion_html, status_html, verdict_html
+from jaxshroud.explorer.run_panel import RunPanel
+from jaxshroud.explorer.saves import OF_A_SERVER, static_page, template_variables
+from jaxshroud.explorer.styles import (
     LIGHT,
     NIGHT,
     Recolouring,
@@ -26,13 +30,9 @@ from jaxshroud.explorer.look import (
     root,
     styled,
 )
-from jaxshroud.explorer.run_panel import RunPanel
-from jaxshroud.explorer.saves import OF_A_SERVER, template_variables
-from jaxshroud.explorer.wishes import DiagramWish, MapWish, RunWish, SaveWish, VerdictWish, Wish
-from jaxshroud.explorer.words import motion_html, status_html, verdict_html
 from jaxshroud.scene.checks import StepTooLongError
-from jaxshroud.scene.layout import PAIR
-from jaxshroud.scene.parts import Direction
+from jaxshroud.scene.layout import PAIR, Direction
+from jaxshroud.verbs.simulate import simulate
 
 FINER = "finer"  # what follows a level that is not the last
 
@@ -287,3 +287,24 @@ class TabPage:
 def heading_of(exploration: Exploration) -> str:
     """The title of the scene, or its name."""
     return exploration.file.title or exploration.file.name
+
+
+def written_page(exploration: Exploration, accuracy: str, report: Progress) -> bytes:
+    """The page of a scene, which needs no server: its coarse diagram from rest, and its own motion.
+
+    Args:
+        exploration: The scene.
+        accuracy: The accuracy of both.
+        report: Called with the lane-periods done, and in all.
+    """
+    document = Document()
+    page = TabPage(document, exploration, accuracy, Methods())
+    window, method = page.centre.window, page.methods.method(exploration, accuracy)
+    coarse = diagram(
+        exploration.file, window, window.new_values(0, page.amount.values), "independent", page.amount, method, report
+    )
+    page.show_level(window, "independent", 0, coarse, coarse)
+    page.show_run(exploration, simulate(exploration.file, n_periods=page.amount.motion, method=method))
+    page.motion.verdict.text = ""
+    page.close()
+    return static_page(document, page.heading, dark=False)

@@ -9,7 +9,7 @@ from bokeh.embed import file_html
 from bokeh.models import CustomJS
 from bokeh.resources import INLINE
 
-from jaxshroud.explorer.look import LIGHT, NIGHT, empty_source, file_text, page_template
+from jaxshroud.explorer.styles import LIGHT, NIGHT, empty_source, file_text, page_template
 from jaxshroud.io.store import dataset_content
 from jaxshroud.plotting.style import figure_content
 from jaxshroud.results.base import Result

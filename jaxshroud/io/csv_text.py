@@ -1,8 +1,11 @@
-"""The text of CSV files that people and other programs write: what cannot be read is named with its cure."""
+"""CSV files that people and other programs write: their columns as texts, errors with their cure."""
 
 import csv
 from collections.abc import Iterable
+from io import StringIO
+from itertools import count, islice
 from pathlib import Path
+from typing import NamedTuple
 
 from jaxshroud.scene.checks import InputError
 from jaxshroud.whole_file import open_regular
@@ -57,3 +60,65 @@ def csv_rows(path: Path, lines: Iterable[tuple[int, str]], separator: str) -> li
             raise InputError(f"{path}: line {number}: a cell has more than {most} characters; shorten it") from None
         cure = "look for a quotation mark that is not closed"
         raise InputError(f"{path}: line {number}: is no CSV ({error}); {cure}") from None
+
+
+SEPARATORS = ",;\t"
+COLUMN_LIMIT = 16_384  # those of spreadsheets
+
+
+class CsvTable(NamedTuple):
+    """A CSV file: a row of heads, then rows of cells."""
+
+    columns: dict[str, list[str]]  # head -> cells, byte for byte
+    faults: dict[int, str]  # row, numbered from 0 -> why its cells do not fit the heads
+    decimal_comma: bool  # whether numbers may have a decimal comma: between semicolons and tabs
+
+
+def read_csv(path: Path) -> CsvTable:
+    """The columns of a CSV file in UTF-8, separated by commas, semicolons or tabs.
+
+    Blank lines are no rows. A row with too few or too many cells has a fault, and the cells that it has: what exceeds
+    the heads is in columns of its own, `surplus 1` and so on.
+
+    Raises:
+        InputError: The file cannot be read, is no text, or lacks a head or rows.
+    """
+    text = read_csv_text(path, "a CSV file")
+    first = text.lstrip("\r\n").partition("\n")[0]
+    separator = max(SEPARATORS, key=first.count)
+    lines = [row for _, row in csv_rows(path, enumerate(StringIO(text, newline=""), 1), separator)]
+    if len(lines) < 2:
+        raise InputError(f"{path}: has no designs; it needs a line of heads, then a line for each")
+    if (columns := max(map(len, lines))) > COLUMN_LIMIT:
+        raise InputError(f"{path}: has {columns} columns; a table may have at most {COLUMN_LIMIT}")
+    heads, rows = _heads(path, lines), lines[1:]
+    faults = {i: _fault(row, heads, separator) for i, row in enumerate(rows) if len(row) != len(heads)}
+    heads = _with_surplus(heads, max(map(len, rows)))
+    padded = [[*row, *[""] * (len(heads) - len(row))] for row in rows]
+    columns = {head: [row[j] for row in padded] for j, head in enumerate(heads) if head.strip()}
+    return CsvTable(columns, faults, separator != ",")
+
+
+def _heads(path: Path, lines: list[list[str]]) -> list[str]:
+    """The heads; columns without one must be empty."""
+    heads = lines[0]
+    before: set[str] = set()
+    for j, head in enumerate(" ".join(head.split()) for head in heads):
+        if not head and any(len(row) > j and row[j].strip() for row in lines[1:]):
+            raise InputError(f"{path}: column {j + 1} has no head; name it, or remove it")
+        if head and head in before:
+            raise InputError(f"{path}: two columns are called `{head}`; keep one, or rename it")
+        before.add(head)
+    return heads
+
+
+def _with_surplus(heads: list[str], longest: int) -> list[str]:
+    """The heads, with more of them where the longest row has more cells."""
+    known = {*heads}
+    names = (name for i in count(1) if (name := f"surplus {i}") not in known)
+    return [*heads, *islice(names, longest - len(heads))] if longest > len(heads) else heads
+
+
+def _fault(row: list[str], heads: list[str], separator: str) -> str:
+    comma = "; write numbers with a point" if separator == "," and len(row) > len(heads) else ""
+    return f"the row has {len(row)} cell{'s' * (len(row) != 1)}, but there are {len(heads)} columns{comma}"

@@ -11,7 +11,7 @@ from jaxshroud.scene.checks import SceneError, StoreError
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.parts import ContactPart
+from jaxshroud.scene.layout import ContactPart
 from jaxshroud.scene.schema import PHYSICS_TABLES
 
 if TYPE_CHECKING:

@@ -94,8 +94,8 @@ def scenes_from_dataset(data: "xr.Dataset", shape: tuple[int, ...], precision: "
     import jax.numpy as jnp
 
     from jaxshroud.scene.config import parse
-    from jaxshroud.scene.numbers import replaced
     from jaxshroud.scene.valid import in_precision
+    from jaxshroud.scene.vary import replaced
 
     first = in_precision(parse(data.attrs["scene"], "the scene of this result").scene, precision)
     scenes = jax.tree.map(lambda a: jnp.broadcast_to(a, (*shape, *a.shape)), first)

@@ -1,4 +1,7 @@
-"""The state that a lane carries through the march, its constants, and what an event changes in it."""
+"""The state that a lane, a pair or a row of blades, carries through the march, and its constants.
+
+What an event changes in the state is here too; for the axes of rows see `model.row`.
+"""
 
 from collections.abc import Callable
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -8,6 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxshroud.march.accumulator import Accumulator, EnergyJumps, EventMargins
 from jaxshroud.march.event import Events, case_switches
 from jaxshroud.march.events import (
     BUILT_IN_EVENTS,
@@ -22,7 +26,6 @@ from jaxshroud.march.events import (
 from jaxshroud.march.guards import GuardEvaluation, Guards, any_of
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Lift
-from jaxshroud.march.tally import EnergyJumps, EventMargins, Tally
 from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, where
 from jaxshroud.model.contact_law import starts_in_overlap
 from jaxshroud.model.drive import Waves
@@ -59,13 +62,13 @@ class Lane(eqx.Module):
     step: Int[Array, "..."]  # the clock: integer index of the current step in the period
     search: Any  # a `Search`, or a `TaylorSearch` for power series
     guards: Guards | None  # at the start of the trial; None where there are no events
-    tally: Tally
+    accumulator: Accumulator
     status: Int[Array, "..."]
 
     @property
     def differentiable(self) -> tuple[Any, ...]:
         """The fields that may have a tangent: those on which later motion, power, moments or means depend."""
-        sums = self.tally.integrals
+        sums = self.accumulator.integrals
         optional = [one for one in (sums.moments, sums.means) if one is not None]
         return self.state, *self.search.differentiable, sums.power, *optional
 
@@ -87,13 +90,13 @@ def running(lane: Lane, stop: Int[Array, "..."]) -> Bool[Array, "..."]:
 
 
 def updated_lanes(update: Callable[..., Lane], method: Choices, each: EachLane, *args: LaneTree) -> LaneTree:
-    """`update(*args)` for every lane; the sums and extremes of a long tally in a kernel of their own.
+    """`update(*args)` for every lane; the sums and extremes of a long accumulator in a kernel of their own.
 
     A kernel with all of them would have more arguments than vector registers serve.
     """
-    if not method.has_long_tally:
+    if not method.has_long_accumulator:
         return each(update, *args)
-    sums = lambda lane: (lane.tally.integrals, lane.tally.log.impacts, lane.tally.log.extent)
+    sums = lambda lane: (lane.accumulator.integrals, lane.accumulator.log.impacts, lane.accumulator.log.extent)
     others = each(lambda *args: eqx.tree_at(sums, update(*args), (None,) * 3, is_leaf=lambda a: a is None), *args)
     return eqx.tree_at(sums, others, each(lambda *args: sums(update(*args)), *args), is_leaf=lambda a: a is None)
 
@@ -181,3 +184,19 @@ def status_of(turned: Bool[Array, "..."], lost: Bool[Array, "..."], too_many: Bo
     status = where(too_many, Status.TOO_MANY_EVENTS, Status.OK)
     status = where(turned, Status.ANGLE_OUT_OF_RANGE, status)
     return where(lost, Status.NOT_FINITE, status).astype(jnp.int32)
+
+
+class InterfaceChange(NamedTuple):
+    """The change of one interface at an event."""
+
+    u_s: Any
+    mode: Int[Array, ""]
+    case: Int[Array, ""]
+    becomes_flat: Bool[Array, ""]
+    turns: Int[Array, ""] | None  # changes of case within this step; None where the blocks do not turn
+    jumped: Bool[Array, ""]  # guards may have jumped
+    springs: Scalar  # energy gained by the contact springs [J]
+    counted: dict[str, Any]  # values of the observables that take the event
+    v: Scalar  # penetration before it [m]
+    margins: EventMargins | None  # None where they are not logged
+    lift: Lift | None  # None where no log asks for it

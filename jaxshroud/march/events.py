@@ -35,7 +35,7 @@ from jaxtyping import Array, Bool, Int
 from jaxshroud.march.event import Event, EventInstant, Events, always, next_mode
 from jaxshroud.march.guards import ContactNow, Guard, GuardEvaluation, Guards, any_of
 from jaxshroud.march.point_events import POINT_EVENTS
-from jaxshroud.model.arithmetic import ABSENT, Scalar, where
+from jaxshroud.model.arithmetic import ZERO, Scalar, where
 from jaxshroud.model.drive import Waves
 from jaxshroud.model.geometry import (
     Kinematics,
@@ -211,7 +211,7 @@ def guard_values(
     return Guards(*zip(*guards, strict=True))
 
 
-NO_GUARD = Guard(ABSENT, ABSENT)
+NO_GUARD = Guard(ZERO, ZERO)
 
 
 class Transition(NamedTuple):
@@ -256,7 +256,7 @@ def transition(
     guards = guard_values(new, contact_rates(new, z, case, model.reading), view.torques, after, case, model, events)
     energy = law.energy_at(new, law.stretch_at(new, u_s, mode), mode)
     energy = energy - law.energy_at(at, w, state.mode)
-    dropped = ABSENT
+    dropped = ZERO
     if touches_at_corners(model):
         dropped = where(becomes_flat, stored_energy(unprojected, model) - stored_energy(z, model), 0.0)
     return Transition(after, guards, energy, dropped, kind, state)

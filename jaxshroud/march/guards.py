@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.model.arithmetic import ABSENT, Scalar, is_absent, where
+from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, where
 from jaxshroud.model.geometry import Case, Kinematics, Pose, Rates, is_upper, tip_is_left
 from jaxshroud.model.modes import FLAT
 from jaxshroud.model.prepared import Model, State
@@ -20,7 +20,7 @@ class Guard(NamedTuple):
 
     value: Scalar
     rate: Scalar  # d(value)/dt; 0 where it is not known
-    integral: Scalar = ABSENT  # of the value over time, where it is known and the rate may not be; else absent
+    integral: Scalar = ZERO  # of the value over time, where it is known and the rate may not be; else absent
 
 
 class Guards(NamedTuple):
@@ -86,7 +86,7 @@ def switch_guards(at: Kinematics, torques: EndTorques, case: Case) -> tuple[Scal
 
 def present(numbers: tuple[Any, ...]) -> list[int]:
     """The numbers of the events for which there is a value."""
-    return [i for i, value in enumerate(numbers) if not is_absent(value)]
+    return [i for i, value in enumerate(numbers) if not is_zero(value)]
 
 
 def any_of(flags: Iterable[Bool[Array, "..."]]) -> Bool[Array, "..."]:

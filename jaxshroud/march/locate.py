@@ -1,18 +1,57 @@
-"""The location of events: the time inside a step at which a guard crosses zero, and the derivative of that time."""
+"""The location of events: the time inside a step at which a guard crosses zero, and the derivative of that time.
 
-from typing import Any, NamedTuple
+Primitives that raise stand for numbers that JAX must not differentiate, or not once more.
+"""
+
+from typing import Any, NamedTuple, NoReturn
 
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.march.derivative_limits import first_order_only
 from jaxshroud.march.event import Violated
 from jaxshroud.march.guards import Guards, any_of, present
 from jaxshroud.march.method import Choices
 from jaxshroud.march.search import Search, Target
-from jaxshroud.model.arithmetic import Pair, Scalar, is_absent, traced_once, where
+from jaxshroud.model.arithmetic import Pair, Scalar, is_zero, traced_once, where
+from jaxshroud.scene.typed import Tree
+
+
+def _undifferentiated(name: str, told: str) -> Primitive:
+    """The identity, whose derivative raises a TypeError; a custom rule would be lost in reverse mode."""
+
+    def refuse(primals: object, tangents: object) -> NoReturn:
+        raise TypeError(told)
+
+    one = Primitive(name)
+    one.def_impl(lambda a: a)
+    one.def_abstract_eval(lambda a: a)
+    ad.primitive_jvps[one] = refuse
+    batching.primitive_batchers[one] = lambda args, axes: (one.bind(*args), *axes)
+    mlir.register_lowering(one, lambda _, a: [a])
+    return one
+
+
+_first_order = _undifferentiated(
+    "once",
+    "Derivatives through contact events are of first order only: this motion is differentiated twice. "
+    "Take differences of first derivatives instead, or period_map of contact that is smooth or absent.",
+)
+_value_only = _undifferentiated("values", "Rows of blades have no derivatives yet: take differences of values instead.")
+
+
+def first_order_only(tree: Tree) -> Tree:
+    """The numbers, for which a further derivative raises a TypeError."""
+    return jax.tree.map(_first_order.bind, tree)
+
+
+def values_only(tree: Tree) -> Tree:
+    """The numbers of rows, for which any derivative raises a TypeError."""
+    return jax.tree.map(_value_only.bind, tree)
+
 
 CUBIC_TRIALS = 5  # in one bracket; after these, every other trial bisects it
 
@@ -92,7 +131,7 @@ def guard_cubic(value: tuple, rate: tuple, integral: tuple | None, h: Scalar) ->
 def integral_of(guards: Guards, kind: int) -> Scalar:
     """The integral of a guard, 0 where it has none."""
     integral = guards.integral[kind]
-    return jnp.zeros_like(guards.value[kind]) if is_absent(integral) else integral
+    return jnp.zeros_like(guards.value[kind]) if is_zero(integral) else integral
 
 
 def first_interior_maximum(start: Guards, end: Guards, h: Scalar) -> Scalar:
@@ -104,7 +143,7 @@ def first_interior_maximum(start: Guards, end: Guards, h: Scalar) -> Scalar:
     for kind in present(start.value):
         ends = (start.value[kind], end.value[kind]), (start.rate[kind], end.rate[kind])
         integrals = start.integral[kind], end.integral[kind]
-        cubic = guard_cubic(*ends, None if is_absent(integrals[0]) else integrals, h)
+        cubic = guard_cubic(*ends, None if is_zero(integrals[0]) else integrals, h)
         first = where(cubic.g_0 <= 0, jnp.minimum(first, cubic.interior_maximum[0]), first)
     return first
 

@@ -1,4 +1,4 @@
-"""The tally of a pair through its trials; what is logged, and how, stands in `logged`."""
+"""The accumulator of pairs and rows through their trials; what is logged, and how, stands in `logged`."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -6,19 +6,20 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxshroud.march.accumulator import Accumulator, EnergyJumps, Log, no_margins
 from jaxshroud.march.events import place_contact
+from jaxshroud.march.extremes import ContactSeries, MotionSeries
 from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observable import Beginning, BladeTrial, InterfaceTrial, Observable
-from jaxshroud.march.series_extremes import ContactSeries, MotionSeries
-from jaxshroud.march.tally import EnergyJumps, Log, Tally, no_margins
+from jaxshroud.march.observable import Beginning, BladeTrial, InterfaceTrial, Observable, Per
 from jaxshroud.march.trial import AcceptedTrial
-from jaxshroud.model.arithmetic import ABSENT, Scalar, is_absent, zeros_for
+from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, zeros_for
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State, touches_at_corners
 from jaxshroud.model.rhs import rhs
+from jaxshroud.model.row import Each, OfInterfaces, RowModel, both_sides, over, pair_states
 from jaxshroud.scene.keys import Motion
 
 
@@ -33,13 +34,13 @@ def value_in(log: Log, name: str) -> Any:
     return log.own[name] if name in log.own else getattr(log, name)
 
 
-def new_tally(state: State, model: Model, method: Choices) -> Tally:
-    """The tally of a lane that starts from `state`."""
+def new_accumulator(state: State, model: Model, method: Choices) -> Accumulator:
+    """The accumulator of a lane that starts from `state`."""
     zero = jnp.zeros_like(state.motion.x[0])
     _, none = zeros_for(lambda: rhs(drive_waves(zero, zero, model.drive), state, model, method.recorded))
-    jumps = EnergyJumps(zero, zero if touches_at_corners(model) else ABSENT) if method.ledger else None
+    jumps = EnergyJumps(zero, zero if touches_at_corners(model) else ZERO) if method.ledger else None
     margins = no_margins(zero) if method.margins else None
-    return Tally(none, jumps, None if method.derivative else _new_log(state, zero, model, method), margins)
+    return Accumulator(none, jumps, None if method.derivative else _new_log(state, zero, model, method), margins)
 
 
 def _new_log(state: State, zero: Scalar, model: Model, method: Choices) -> Log:
@@ -49,10 +50,14 @@ def _new_log(state: State, zero: Scalar, model: Model, method: Choices) -> Log:
     return log_of({one.name: start(one) for one in observables_of(method)})
 
 
-def updated_tally(tally: Tally, trial: AcceptedTrial, model: Model, method: Choices) -> Tally:
-    """The tally after a trial; margins are kept."""
-    tally = tally.plus(trial.gain, trial.jumps)
-    return tally if tally.log is None else tally._replace(log=_updated_log(tally.log, trial, model, method))
+def updated_accumulator(accumulator: Accumulator, trial: AcceptedTrial, model: Model, method: Choices) -> Accumulator:
+    """The accumulator after a trial; margins are kept."""
+    accumulator = accumulator.plus(trial.gain, trial.jumps)
+    return (
+        accumulator
+        if accumulator.log is None
+        else accumulator._replace(log=_updated_log(accumulator.log, trial, model, method))
+    )
 
 
 def _updated_log(log: Log, trial: AcceptedTrial, model: Model, method: Choices) -> Log:
@@ -101,7 +106,7 @@ def of_blades(one: Observable, f: Callable[..., Any], *trees: Any) -> Any:
     if one.takes == "all":
         return f(*trees)
     left, right = (f(*(_of_side(i, tree) for tree in trees)) for i in (0, 1))
-    return jax.tree.map(lambda a, b: (a, b), left, right, is_leaf=is_absent)
+    return jax.tree.map(lambda a, b: (a, b), left, right, is_leaf=is_zero)
 
 
 def is_of_blades(tree: Any) -> bool:
@@ -112,3 +117,83 @@ def is_of_blades(tree: Any) -> bool:
 def _of_side(i: int, tree: Any) -> Any:
     """A tree with the numbers of one blade in place of pairs."""
     return jax.tree.map(lambda a: a[i] if is_of_blades(a) else a, tree, is_leaf=is_of_blades)
+
+
+def penetrations(state: State, model: RowModel, each: Each) -> OfInterfaces:
+    """The penetration at each interface [m]."""
+    return over(each, _penetration_at, pair_states(state, model), model.interfaces)
+
+
+def _penetration_at(state: State, model: Model) -> Scalar:
+    return place_contact(state.motion, state, model)[2].v
+
+
+def new_row_log(state: State, at: OfInterfaces, model: RowModel, method: Choices, each: Each) -> Log:
+    """The log of a row that starts from `state`; `at` are zeros."""
+    motion, v = model.blades.shroud(state.motion), penetrations(state, model, each)
+    contact = Beginning(None, at, v, model.interfaces)
+    zero = jnp.zeros_like(motion.x)
+    blades = Beginning(motion, zero, zero, None)
+    start = lambda one: one.start(contact if one.per == "interface" else blades)
+    return log_of({one.name: start(one) for one in observables_of(method)})
+
+
+def updated_row_accumulator(
+    accumulator: Accumulator, trial: AcceptedTrial, model: RowModel, method: Choices, each: Each
+) -> Accumulator:
+    """The accumulator after a trial; margins are kept."""
+    accumulator = accumulator.plus(trial.gain, trial.jumps)
+    return (
+        accumulator
+        if accumulator.log is None
+        else accumulator._replace(log=_updated_row_log(accumulator.log, trial, model, method, each))
+    )
+
+
+def _updated_row_log(log: Log, trial: AcceptedTrial, model: RowModel, method: Choices, each: Each) -> Log:
+    shroud = model.blades.shroud
+    end = shroud(trial.end)
+    contact = InterfaceTrial(trial.h, trial.mode, trial.v, trial.mode == Mode.APART)
+    blades = BladeTrial(shroud(trial.start.motion), end, shroud(trial.after), trial.h, trial.step, trial.next_step)
+    at_once = {
+        one.name: one.update(value_in(log, one.name), contact if one.per == "interface" else blades)
+        for one in observables_of(method)
+        if one.takes == "all"
+    }
+    values = at_once | trial.events
+    if takers_of_one("interface", method):
+        start, end = pair_states(trial.start, model), both_sides(end, model.closed)
+        loads = trial.gain.loads
+        contact = contact._replace(start=start, end=end, lift=trial.lift, loads=loads, model=model.interfaces)
+        values |= _updated_each(log, contact, takers_of_one("interface", method), each)
+    if takers_of_one("blade", method):
+        values |= _updated_each(log, blades, takers_of_one("blade", method), each)
+    return log_of(values)
+
+
+def takers_of_one(per: Per, method: Choices) -> list[Observable]:
+    """The observables whose functions take one interface, or one blade."""
+    return [one for one in observables_of(method) if one.per.endswith(per) and one.takes == "one"]
+
+
+def takers_of_events(method: Choices) -> list[Observable]:
+    """The observables whose updates take the event that ends a trial."""
+    return [one for one in observables_of(method) if one.takes == "event"]
+
+
+def _updated_each(log: Log, trial: Any, observables: list[Observable], each: Each) -> dict[str, Any]:
+    """The values of observables after a trial of each interface, or of each blade, in one kernel."""
+
+    def updated(values: dict[str, Any], trial: Any) -> dict[str, Any]:
+        return {one.name: one.update(values[one.name], trial) for one in observables}
+
+    return over(each, updated, {one.name: value_in(log, one.name) for one in observables}, trial)
+
+
+def accumulator_of_new_period(accumulator: Accumulator, z: Motion, method: Choices) -> Accumulator:
+    """The accumulator with what is told of each period reset, at the motion `z`."""
+    integrals, jumps = jax.tree.map(jnp.zeros_like, (accumulator.integrals, accumulator.jumps))
+    log = accumulator.log
+    if log is not None:
+        log = log_of({one.name: one.reset(value_in(log, one.name), z) for one in observables_of(method)})
+    return Accumulator(integrals, jumps, log, accumulator.margins)

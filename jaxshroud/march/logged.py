@@ -5,21 +5,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxshroud.march.carry import PerLane
-from jaxshroud.march.cubic_extremes import closing_speed, merged_range, updated_extrema, updated_peaks, updated_range
-from jaxshroud.march.event import Event
-from jaxshroud.march.events import BUILT_IN_EVENTS
-from jaxshroud.march.method import Choices
-from jaxshroud.march.observable import Beginning, BladeTrial, Ending, InterfaceTrial, Observable, from_zero, lasting
-from jaxshroud.march.series_extremes import (
-    final_closing_speed,
-    merged_extrema,
-    midpoint_magnitudes,
-    taylor_extrema,
-    taylor_peaks,
-    taylor_range,
-)
-from jaxshroud.march.tally import (
+from jaxshroud.march.accumulator import (
     ContactPeaks,
     ContactTimes,
     DisplacementRange,
@@ -31,6 +17,24 @@ from jaxshroud.march.tally import (
     half_position,
     no_events,
 )
+from jaxshroud.march.carry import PerLane
+from jaxshroud.march.event import Event
+from jaxshroud.march.events import BUILT_IN_EVENTS
+from jaxshroud.march.extremes import (
+    closing_speed,
+    final_closing_speed,
+    merged_extrema,
+    merged_range,
+    midpoint_magnitudes,
+    taylor_extrema,
+    taylor_peaks,
+    taylor_range,
+    updated_extrema,
+    updated_peaks,
+    updated_range,
+)
+from jaxshroud.march.method import Choices
+from jaxshroud.march.observable import Beginning, BladeTrial, Ending, InterfaceTrial, Observable, from_zero, lasting
 from jaxshroud.model.arithmetic import Scalar, where
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.rhs import Means

@@ -90,8 +90,8 @@ class Choices(NamedTuple):
         return self.vibration and not self.derivative and isinstance(self.tableau, Tableau)
 
     @property
-    def has_long_tally(self) -> bool:
-        """Whether the tally is kept in a kernel of its own."""
+    def has_long_accumulator(self) -> bool:
+        """Whether the accumulator is kept in a kernel of its own."""
         return (self.forces or self.amplitudes) and not self.derivative
 
     @property

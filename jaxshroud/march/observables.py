@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
+from jaxshroud.march.accumulator import EnergyJumps
 from jaxshroud.march.carry import PerLane
 from jaxshroud.march.events import place_contact
-from jaxshroud.march.tally import EnergyJumps
-from jaxshroud.model.arithmetic import ABSENT, Scalar, blended, is_absent, summed, where
+from jaxshroud.model.arithmetic import ZERO, Scalar, blended, is_zero, summed, where
 from jaxshroud.model.contact_law import Slider, SummedForces
 from jaxshroud.model.drive import Waves
 from jaxshroud.model.face_points import FaceKinematics
@@ -32,7 +32,7 @@ class ContactForces(NamedTuple):
     v: Any  # penetration [m]
     u: Any  # slide of the left block against the right one [m]
     contact_point: Any  # up the left block's face from its middle [m]; NaN when apart, absent where blocks do not turn
-    points: Any = ABSENT  # `PointForces`; absent where a corner touches
+    points: Any = ZERO  # `PointForces`; absent where a corner touches
 
 
 class PointForces(NamedTuple):
@@ -45,9 +45,9 @@ class PointForces(NamedTuple):
 
 def stacked_point_forces(points: Any, zero: Any, axis: int = -1) -> Any:
     """The forces of points as arrays with an `axis` of points, with `zero` where they have none."""
-    if is_absent(points):
+    if is_zero(points):
         return points
-    stacked = lambda numbers: points_last(tuple(zero if is_absent(a) else a for a in numbers), axis)
+    stacked = lambda numbers: points_last(tuple(zero if is_zero(a) else a for a in numbers), axis)
     return PointForces(*map(stacked, points))
 
 
@@ -64,8 +64,8 @@ def contact_forces_at(
     _, case, at = placed
     forces = law_forces(at, state.motion, state, case, model)
     is_apart = lambda: interface_mode(state.mode) == Mode.APART
-    F = where(is_apart(), ABSENT, forces.F)  # no negative zero
-    point = ABSENT
+    F = where(is_apart(), ZERO, forces.F)  # no negative zero
+    point = ZERO
     if isinstance(forces, SummedForces) and has_torsion(model):
         point = where(is_apart(), jnp.nan, _centre_of_pressure(forces, model))
     elif has_torsion(model):
@@ -73,10 +73,10 @@ def contact_forces_at(
         if model.law.has_events:
             place = where(case == FLAT, _flat_contact_position(at, torques, model), place)
         point = where(is_apart(), jnp.nan, place)
-    of_points = ABSENT
+    of_points = ZERO
     if isinstance(forces, SummedForces) and isinstance(at, FaceKinematics):
         pairs = zip(state.mode, forces.points, strict=True)
-        F_of = tuple(where(mode == Mode.APART, ABSENT, own.F) for mode, own in pairs)
+        F_of = tuple(where(mode == Mode.APART, ZERO, own.F) for mode, own in pairs)
         of_points = PointForces(tuple(own.N for own in forces.points), F_of, tuple(own.v for own in at.points))
     return ContactForces(forces.N, F, at.v, at.u, point, of_points)
 
@@ -127,7 +127,7 @@ def slider_position(state: State, model: Model) -> Slider:
         return state.u_s
     at = place_contact(state.motion, state, model)[2]
     w = model.law.stretch_at(at, state.u_s, state.mode)
-    return jax.tree.map(lambda w: at.u - w, w, is_leaf=is_absent)
+    return jax.tree.map(lambda w: at.u - w, w, is_leaf=is_zero)
 
 
 def energy_residual(ledger: Ledger, jumps: EnergyJumps, stored: PerLane) -> PerLane:

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool
 
 from jaxshroud.march.event import Event, EventInstant
 from jaxshroud.march.guards import ContactNow, Guard
-from jaxshroud.model.arithmetic import is_absent, where
+from jaxshroud.model.arithmetic import is_zero, where
 from jaxshroud.model.contact_law import ContactLaw, GuardCrossing, Modes, Slider
 from jaxshroud.model.face_points import FaceKinematics, FaceRates, PointKinematics, PointRates
 from jaxshroud.model.modes import Mode
@@ -36,7 +36,7 @@ class _PointNow(NamedTuple):
 def _point(m: int, now: ContactNow) -> _PointNow:
     law, u_s, mode = _law_of_points(now.model), now.state.u_s, now.state.mode[m]
     at, rate = cast(FaceKinematics, now.at), cast(FaceRates, now.rate)
-    slider = u_s if is_absent(u_s) else u_s[m]
+    slider = u_s if is_zero(u_s) else u_s[m]
     return _PointNow(law.laws[m], at.points[m], rate.points[m], slider, mode, mode == Mode.APART)
 
 

@@ -38,13 +38,13 @@ from jaxshroud.march.event import (
 from jaxshroud.march.events import evaluate_guards, place_contact
 from jaxshroud.march.guards import any_of
 from jaxshroud.march.locate import at_event, at_least_two, judge_trial, outcome_of_pair, select, select_guard
-from jaxshroud.march.log import new_tally, updated_tally
+from jaxshroud.march.log import new_accumulator, updated_accumulator
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Ending, Lift
 from jaxshroud.march.rk_step import NO_STAGES, Stages, StepEnd, rk_stages, rk_step, trial_interval
 from jaxshroud.march.search import Search, following_search, new_search
 from jaxshroud.march.trial import AcceptedTrial, lane_after, mode_of_smooth_contact
-from jaxshroud.model.arithmetic import ABSENT, Scalar, is_absent, where, zeros_for
+from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, where, zeros_for
 from jaxshroud.model.contact_law import Slider
 from jaxshroud.model.drive import Waves, drive_waves
 from jaxshroud.model.modes import FLAT, Status
@@ -60,7 +60,7 @@ EVENT_REFINEMENTS = 3
 def begin_rk(state: State, model: Model, method: Choices) -> Lane:
     """`Stepper.begin`. The first trial has length zero: it sets the guards."""
     zero, step = jnp.zeros_like(state.motion.x[0]), jnp.zeros((), jnp.int32)
-    tally = new_tally(state, model, method)
+    accumulator = new_accumulator(state, model, method)
     guards = None
     check_own_events(method.events, model.law.has_events)
     if model.law.has_events:
@@ -68,7 +68,7 @@ def begin_rk(state: State, model: Model, method: Choices) -> Lane:
         evaluate = lambda: evaluate_guards(state.motion, waves(), state, model, method.all_events)
         guards = guards_to_begin_with(zeros_for(evaluate).guards, method.all_events)
     search = new_search(zero, zero, jnp.ones((), bool), step, method.locate, method.derivative)
-    return Lane(state, step, search, guards, tally, step)
+    return Lane(state, step, search, guards, accumulator, step)
 
 
 def rk_trials(
@@ -89,7 +89,7 @@ def rk_trials(
 
 
 def update_after_rk(lanes: LaneTree, ends: LaneTree, fixed: LaneTree, method: Choices, each: EachLane) -> LaneTree:
-    """`Stepper.update`. With derivatives, and with long tallies, the decision is a kernel of its own."""
+    """`Stepper.update`. With derivatives, and with long accumulators, the decision is a kernel of its own."""
 
     def decide(lane: Lane, end: StepEnd, fixed: Fixed[Model]) -> Decision:
         return decide_trial(lane, end, fixed, method)
@@ -97,7 +97,7 @@ def update_after_rk(lanes: LaneTree, ends: LaneTree, fixed: LaneTree, method: Ch
     def apply(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed[Model]) -> Lane:
         return apply_decision(lane, end, decision, fixed, method)
 
-    if not method.derivative and not method.has_long_tally:
+    if not method.derivative and not method.has_long_accumulator:
         return each(lambda lane, end, fixed: apply(lane, end, decide(lane, end, fixed), fixed), lanes, ends, fixed)
     return updated_lanes(apply, method, each, lanes, ends, each(decide, lanes, ends, fixed), fixed)
 
@@ -185,10 +185,10 @@ def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed[Mo
     next_search, step = following_search(search, lane.step, fire, recheck, method.locate)
     ending = Ending(transition, fire, search.inside)
     trial = AcceptedTrial(start, start.mode, h, z, z, view.at.v, lift, gain, jumps, lane.step, step, ending)
-    tally = updated_tally(lane.tally, trial, model, method)
-    tally = tally._replace(margins=updated_margins(tally.margins, change, fire, model))
+    accumulator = updated_accumulator(lane.accumulator, trial, model, method)
+    accumulator = accumulator._replace(margins=updated_margins(accumulator.margins, change, fire, model))
     status = where(accept, _status(z, decision.not_finite, next_search), Status.OK).astype(jnp.int32)
-    later = Lane(state, step, next_search, guards, tally, status)
+    later = Lane(state, step, next_search, guards, accumulator, status)
     return lane_after(lane, later, accept, decision.move_low, running(lane, stop), repeated)
 
 
@@ -205,14 +205,14 @@ def _with_slider_of(start: State, end: State) -> State:
 def _apply_without_events(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed[Model], method: Choices) -> Lane:
     """`apply_decision` without events."""
     model, grid, stop, accept = fixed.model, fixed.grid, fixed.stop, decision.accept
-    z, no, no_jumps = end.state.motion, jnp.zeros_like(accept), jax.tree.map(jnp.zeros_like, lane.tally.jumps)
+    z, no, no_jumps = end.state.motion, jnp.zeros_like(accept), jax.tree.map(jnp.zeros_like, lane.accumulator.jumps)
     at = place_contact(z, lane.state, model)[2]
     next_search, step = following_search(lane.search, lane.step, no, no, method.locate)
     mode, h, lift = mode_of_smooth_contact(at.v), trial_interval(lane, grid).h, Lift(no, no, no)
     trial = AcceptedTrial(lane.state, mode, h, z, z, at.v, lift, end.gain, no_jumps, lane.step, step)
-    tally = updated_tally(lane.tally, trial, model, method)
+    accumulator = updated_accumulator(lane.accumulator, trial, model, method)
     status = where(accept, _status(z, decision.not_finite, next_search), Status.OK).astype(jnp.int32)
-    later = Lane(end.state, step, next_search, None, tally, status)
+    later = Lane(end.state, step, next_search, None, accumulator, status)
     return lane_after(lane, later, accept, no, running(lane, stop), lane.search)
 
 
@@ -220,10 +220,10 @@ def _differentiable_event_end(end: StepEnd, lane: Lane, kind: Int[Array, ""], fi
     """The end of a trial where the guard of `kind` vanishes, with derivatives: state, wave, integrals and length."""
     assert end.slope is not None
     model, grid, start, length = fixed.model, fixed.grid, lane.state, lane.search.length
-    flowing = lambda state: state.u_s if model.law.flows else ABSENT
+    flowing = lambda state: state.u_s if model.law.flows else ZERO
 
     def guard(z: Motion, Q: Waves, u_s: Slider) -> Scalar:
-        at = _with_slider_of(start, end.state) if is_absent(u_s) else State(start.motion, u_s, start.mode, start.case)
+        at = _with_slider_of(start, end.state) if is_zero(u_s) else State(start.motion, u_s, start.mode, start.case)
         return select_guard(evaluate_guards(z, Q, at, model, events).guards.value, kind)
 
     slope, Q_rate, _ = lax.stop_gradient(end.slope)

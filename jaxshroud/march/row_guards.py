@@ -7,7 +7,7 @@ from jaxshroud.march.event import Events
 from jaxshroud.march.events import BUILT_IN_EVENTS, guards_at, place_contact
 from jaxshroud.march.guards import GuardEvaluation, Guards
 from jaxshroud.march.observables import ContactForces, contact_forces_at
-from jaxshroud.model.arithmetic import ABSENT, Absent, Scalar, is_absent
+from jaxshroud.model.arithmetic import ZERO, Scalar, Zero, is_zero
 from jaxshroud.model.geometry import Kinematics
 from jaxshroud.model.interface import EndTorques, law_forces, torques_along_face
 from jaxshroud.model.prepared import Model, State
@@ -31,10 +31,10 @@ ONLY_FORCES = Recorded()
 
 def row_torques(
     state: State, wave: Any, model: RowModel, each: Each
-) -> tuple[OfInterfaces | Absent, OfInterfaces | Absent]:
+) -> tuple[OfInterfaces | Zero, OfInterfaces | Zero]:
     """The relative torque of each interface with contact at the corner of its case, and the inertia against it."""
     if not model.turns_by_events:
-        return ABSENT, ABSENT
+        return ZERO, ZERO
     cluster = clusters(state.case, model)
     effects = over(each, partial(interface_effects, recorded=ONLY_FORCES), pair_states(state, model), model.interfaces)
     own = rates_of_blades(state.motion, wave, blade_forces(effects, model), model, ONLY_FORCES, each)
@@ -50,8 +50,8 @@ def interface_view(torque: Scalar, state: State, model: Model, events: Events = 
 
 def _end_torques(torque: Scalar, at: Kinematics, state: State, model: Model) -> EndTorques:
     """The torques at both ends of the faces' overlap from the relative torque of the corner."""
-    if is_absent(torque):
-        return EndTorques(ABSENT, ABSENT)
+    if is_zero(torque):
+        return EndTorques(ZERO, ZERO)
     forces = law_forces(at, state.motion, state, state.case, model)
     return torques_along_face(torque, forces, at, state, model)
 

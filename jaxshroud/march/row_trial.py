@@ -13,9 +13,11 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
+from jaxshroud.march.accumulator import Accumulator, EnergyJumps, EventMargins, Log, no_margins
 from jaxshroud.march.carry import (
     MAX_EVENTS_PER_STEP,
     Fixed,
+    InterfaceChange,
     Lane,
     TimeGrid,
     change_at,
@@ -27,26 +29,30 @@ from jaxshroud.march.event import above_zero, case_switches, check_own_events, g
 from jaxshroud.march.events import FLAT_RETURN
 from jaxshroud.march.guards import Guards, any_of
 from jaxshroud.march.locate import LocationDecision, select
-from jaxshroud.march.log import value_in
-from jaxshroud.march.method import Choices
-from jaxshroud.march.observable import Ending, Lift
-from jaxshroud.march.rk_step import interval_in_step, trial_interval
-from jaxshroud.march.row_carry import InterfaceChange
-from jaxshroud.march.row_event_time import RowCrossing, differentiable_event_end, one_after_the_other
-from jaxshroud.march.row_guards import interface_view, row_guards, row_torques
-from jaxshroud.march.row_locate import InterfaceOutcome, interface_outcome, judge_row, row_outcome
-from jaxshroud.march.row_log import (
+from jaxshroud.march.log import (
     new_row_log,
     penetrations,
     takers_of_events,
     takers_of_one,
-    updated_row_tally,
+    updated_row_accumulator,
+    value_in,
 )
-from jaxshroud.march.row_step import OfLanes, RowStepEnd, row_step
+from jaxshroud.march.method import Choices
+from jaxshroud.march.observable import Ending, Lift
+from jaxshroud.march.rk_step import interval_in_step, trial_interval
+from jaxshroud.march.row_guards import interface_view, row_guards, row_torques
+from jaxshroud.march.row_locate import InterfaceOutcome, interface_outcome, judge_row, row_outcome
+from jaxshroud.march.row_step import (
+    OfLanes,
+    RowCrossing,
+    RowStepEnd,
+    differentiable_event_end,
+    one_after_the_other,
+    row_step,
+)
 from jaxshroud.march.search import following_search, new_search
-from jaxshroud.march.tally import EnergyJumps, EventMargins, Log, Tally, no_margins
 from jaxshroud.march.trial import AcceptedTrial, lane_after, mode_of_smooth_contact
-from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, is_absent, zeros_for
+from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, is_zero, zeros_for
 from jaxshroud.model.modes import FLAT, Status
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State
@@ -78,7 +84,7 @@ def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Lan
         guards = guards_to_begin_with(guards, method.all_events)
     log = None if method.derivative else new_row_log(state, at, model, method, each)
     margins = no_margins(at) if method.margins else None
-    return Lane(state, count, search, guards, Tally(nothing, EnergyJumps(at, lanes), log, margins), count)
+    return Lane(state, count, search, guards, Accumulator(nothing, EnergyJumps(at, lanes), log, margins), count)
 
 
 # A rocking motion that has turned so often within a step returns twice within `FLAT_RETURN` of it. What an interface
@@ -106,7 +112,7 @@ def interface_change(
 
     With `counted`, the values of the observables that take the event, before it.
     """
-    if not is_absent(joint):
+    if not is_zero(joint):
         model = eqx.tree_at(lambda m: m.mobility.joint, model, joint)
     view = interface_view(torque, start, model, method.all_events)
     rocks = None if turns is None else turns >= MAX_TURNS_PER_STEP
@@ -197,12 +203,12 @@ def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -
     start, motions, jumps = lane.state, (end.state.motion, after.motion), EnergyJumps(change.springs, dropped)
     told = change.v, change.lift, end.gain, jumps, lane.step, step, change.counted
     trial = AcceptedTrial(start, interface_mode(start.mode), interval.h, *motions, *told)
-    tally = updated_row_tally(lane.tally, trial, model, method, each)._replace(margins=change.margins)
+    accumulator = updated_row_accumulator(lane.accumulator, trial, model, method, each)._replace(margins=change.margins)
     limit = MAX_EVENTS_PER_STEP * len(verdict.outcome.hit)
     too_many = next_search.events > limit
     status = status_of(_turned(after, verdict.not_finite, model), verdict.not_finite, too_many)
     status = jnp.where(accept, status, Status.OK).astype(jnp.int32)
-    later = Lane(after, step, next_search, guards, tally, status)
+    later = Lane(after, step, next_search, guards, accumulator, status)
     return lane_after(lane, later, accept, decision.move_low, active, repeated)
 
 
@@ -225,7 +231,7 @@ def _change_of_row(
     lane: Lane, end: RowStepEnd, verdict: RowVerdict, fixed: Fixed[RowModel], method: Choices, each: Each
 ) -> InterfaceChange:
     """The change of each interface."""
-    model, grid, crossing, log = fixed.model, fixed.grid, verdict.crossing, lane.tally.log
+    model, grid, crossing, log = fixed.model, fixed.grid, verdict.crossing, lane.accumulator.log
     return over(
         each,
         partial(interface_change, method=method),
@@ -239,7 +245,7 @@ def _change_of_row(
         crossing.delay,
         lax.stop_gradient(grid.h),
         _of_events(log, method),
-        lane.tally.margins,
+        lane.accumulator.margins,
         lane.search.turns,
         model.interfaces,
     )
@@ -270,7 +276,7 @@ def _is_finite(state: State) -> Bool[Array, " lanes"]:
 def _turned(state: State, lost: Bool[Array, " lanes"], model: RowModel) -> Bool[Array, " lanes"]:
     """Whether a block has turned too far, or the motion is `lost`."""
     theta = model.blades.shroud(state.motion).theta
-    return lost if is_absent(theta) else lost | jnp.any(jnp.abs(theta) > ANGLE_RANGE, axis=0)
+    return lost if is_zero(theta) else lost | jnp.any(jnp.abs(theta) > ANGLE_RANGE, axis=0)
 
 
 def _without_events(
@@ -281,10 +287,10 @@ def _without_events(
     v = penetrations(end.state, model, each)
     jumps, motion = EnergyJumps(jnp.zeros_like(v), jnp.zeros_like(h)), end.state.motion
     next_search, step = following_search(lane.search, lane.step, no, no, method.locate)
-    told = v, Lift(no, no, no), end.gain, jumps, lane.step, step, _of_events(lane.tally.log, method)
+    told = v, Lift(no, no, no), end.gain, jumps, lane.step, step, _of_events(lane.accumulator.log, method)
     trial = AcceptedTrial(lane.state, mode_of_smooth_contact(v), h, motion, motion, *told)
-    tally = updated_row_tally(lane.tally, trial, model, method, each)
+    accumulator = updated_row_accumulator(lane.accumulator, trial, model, method, each)
     lost = ~_is_finite(end.state)
     status = status_of(_turned(end.state, lost, model), lost, no)
-    later = Lane(end.state, step, next_search, None, tally, status)
+    later = Lane(end.state, step, next_search, None, accumulator, status)
     return lane_after(lane, later, active, no, active, lane.search)

@@ -13,6 +13,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxshroud.cache.programs import kept
 from jaxshroud.march.method import StepCount
 from jaxshroud.march.tableau import MIN_STEPS, RK4, Tableau, TaylorOptions
 from jaxshroud.model.arithmetic import Scalar, filled
@@ -21,10 +22,8 @@ from jaxshroud.model.geometry import Corners, contact_kinematics, corners, pose
 from jaxshroud.model.linear import free_reach, steady_amplitudes
 from jaxshroud.model.prepared import prepared_law
 from jaxshroud.model.row import pair_at
-from jaxshroud.programs.kept import kept
-from jaxshroud.scene.capabilities import require_capability
 from jaxshroud.scene.checks import MAX_AUTO_STEPS, InputError, StepTooLongError, count_argument
-from jaxshroud.scene.layout import PAIR
+from jaxshroud.scene.layout import PAIR, require_capability
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 

@@ -45,7 +45,7 @@ class Stepper(NamedTuple):
     - `Pair`s: the motion, the drive and its wave, the power, `Mobility.share` and `joint`;
     - one mode, case and slider in `State`, one set of guards, and one event in a trial;
     - flat contact, in which both blocks turn as one, and the torques at its two ends;
-    - one `Log` in a `Tally`, whose values are those of one interface and of pairs.
+    - one `Log` in a `Accumulator`, whose values are those of one interface and of pairs.
     """
 
     begin: Callable[[State, Model, Choices], Lane]

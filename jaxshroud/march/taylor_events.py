@@ -22,7 +22,7 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.guards import any_of
 from jaxshroud.march.locate import HermiteCubic, cubic_root, select
-from jaxshroud.model.arithmetic import Scalar, filled, is_absent, times, traced_once, where
+from jaxshroud.model.arithmetic import Scalar, filled, is_zero, times, traced_once, where
 from jaxshroud.model.series import polynomial_value, polynomial_value_and_rate
 
 TRIAL_PARTS = 2  # of a trial, at whose ends the guards are evaluated
@@ -165,7 +165,7 @@ def return_length(guards: list[Coefficients], longest: Scalar) -> Scalar:
 
 def trimmed(guards: list[Coefficients], like: Scalar) -> list[Coefficients]:
     """The guards without their absent leading coefficients."""
-    last = [max(n for n, c in enumerate(guard) if n < 2 or not is_absent(c)) for guard in guards]
+    last = [max(n for n, c in enumerate(guard) if n < 2 or not is_zero(c)) for guard in guards]
     return [tuple(filled(guard[: n + 1], like)) for guard, n in zip(guards, last, strict=True)]
 
 

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
+from jaxshroud.march.accumulator import displacements_of
 from jaxshroud.march.carry import (
     MAX_EVENTS_PER_STEP,
     NEGLIGIBLE_REST,
@@ -29,13 +30,12 @@ from jaxshroud.march.carry import (
 )
 from jaxshroud.march.event import case_switches
 from jaxshroud.march.events import EVENTS, FLAT_RETURN, LIFT, happens, number_of
+from jaxshroud.march.extremes import ContactSeries, MotionSeries, deepest_penetration
 from jaxshroud.march.guards import any_of
 from jaxshroud.march.locate import at_event, select
-from jaxshroud.march.log import found_by_series, new_tally, updated_tally
+from jaxshroud.march.log import found_by_series, new_accumulator, updated_accumulator
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Ending
-from jaxshroud.march.series_extremes import ContactSeries, MotionSeries, deepest_penetration
-from jaxshroud.march.tally import displacements_of
 from jaxshroud.march.taylor_events import (
     TaylorSearch,
     TrialEvent,
@@ -44,16 +44,19 @@ from jaxshroud.march.taylor_events import (
     select_polynomial,
     trimmed,
 )
-from jaxshroud.march.taylor_expansion import RADIANS_PER_TURN, TaylorExpansion, taylor_expansion, without_derivatives
-from jaxshroud.march.taylor_integrals import (
+from jaxshroud.march.taylor_expansion import (
+    RADIANS_PER_TURN,
+    TaylorExpansion,
     integrated_loads,
     integrated_means,
     integrated_moments,
     integrated_squares,
     integrated_works,
+    taylor_expansion,
+    without_derivatives,
 )
 from jaxshroud.march.trial import AcceptedTrial
-from jaxshroud.model.arithmetic import Scalar, is_absent, sincos_turns, where
+from jaxshroud.model.arithmetic import Scalar, is_zero, sincos_turns, where
 from jaxshroud.model.contact_law import linear_law
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import FLAT, Mode
@@ -91,7 +94,7 @@ def begin_taylor(state: State, model: Model, method: Choices) -> Lane:
     zero, count = jnp.zeros_like(state.motion.x[0]), jnp.zeros((), jnp.int32)
     yes, tolerance = jnp.ones((), bool), zero + method.taylor.tolerance
     search = TaylorSearch(zero, zero, yes, count - 1, ~yes, count, count, tolerance)
-    return Lane(state, count, search, None, new_tally(state, model, method), count)
+    return Lane(state, count, search, None, new_accumulator(state, model, method), count)
 
 
 def taylor_trials(
@@ -199,7 +202,7 @@ def _displacement_coefficients(expansion: TaylorExpansion, n: int, fixed: Fixed[
     """The coefficients `n` of the displacements [m]; theta counts as the displacement of a corner."""
     x, y, theta = displacements_of(expansion.motion)
     lever = fixed.model.block.a_x
-    return [a[n] for a in (*x, *y) if not is_absent(a)] + [lever * a[n] for a in theta if not is_absent(a)]
+    return [a[n] for a in (*x, *y) if not is_zero(a)] + [lever * a[n] for a in theta if not is_zero(a)]
 
 
 def _power(x: Scalar, exponent: float) -> Scalar:
@@ -238,9 +241,9 @@ def motion_in_trial(
 
 def motion_after(displacements: DisplacementSeries, unit: Scalar, s: Scalar) -> Motion:
     """The motion after `s` radians of `unit` seconds each."""
-    ends = [[a if is_absent(a) else polynomial_value_and_rate(a, s) for a in pair] for pair in displacements]
-    values = [tuple(a if is_absent(a) else a[0] for a in pair) for pair in ends]
-    speeds = [tuple(a if is_absent(a) else a[1] / unit for a in pair) for pair in ends]
+    ends = [[a if is_zero(a) else polynomial_value_and_rate(a, s) for a in pair] for pair in displacements]
+    values = [tuple(a if is_zero(a) else a[0] for a in pair) for pair in ends]
+    speeds = [tuple(a if is_zero(a) else a[1] / unit for a in pair) for pair in ends]
     return Motion(*values, *speeds)
 
 
@@ -262,14 +265,14 @@ def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[Model], method
     ending = Ending(transition, fire, event.inside)
     ends, sums = (z, z, trial.deepest, change.lift), (trial.gain, change.jumps)
     accepted = AcceptedTrial(start, start.mode, h, *ends, *sums, lane.step, step, ending, trial.by_series)
-    tally = updated_tally(lane.tally, accepted, model, method)
-    tally = tally._replace(margins=updated_margins(tally.margins, change, fire, model))
+    accumulator = updated_accumulator(lane.accumulator, accepted, model, method)
+    accumulator = accumulator._replace(margins=updated_margins(accumulator.margins, change, fire, model))
     lost, tries = ~is_finite(z), jnp.maximum(next_search.events, next_search.tries)
     status = status_of(turned_too_far(z, lost), lost, tries > MAX_EVENTS_PER_STEP)
     state = select(fire, transition.after, State(z, start.u_s, start.mode, start.case))
     # contact may begin flat although one end of the overlap already pulls
     next_search = next_search._replace(recheck=next_search.recheck | (fire & (transition.after.case == FLAT)))
-    return select(active, Lane(state, step, next_search, None, tally, status), lane)
+    return select(active, Lane(state, step, next_search, None, accumulator, status), lane)
 
 
 def _next_taylor_search(

@@ -1,14 +1,14 @@
-"""What an accepted trial leaves, of a pair or of a row: what its tally asks of it, and the lane afterwards."""
+"""What an accepted trial leaves, of a pair or of a row: what its accumulator asks of it, and the lane afterwards."""
 
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from jaxshroud.march.accumulator import EnergyJumps
 from jaxshroud.march.carry import Lane, PerLane
 from jaxshroud.march.locate import select
 from jaxshroud.march.observable import Lift
-from jaxshroud.march.tally import EnergyJumps
 from jaxshroud.model.arithmetic import where
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import State
@@ -16,7 +16,7 @@ from jaxshroud.model.rhs import Integrals
 
 
 class AcceptedTrial(NamedTuple):
-    """A trial that was accepted, as far as the tally asks."""
+    """A trial that was accepted, as far as the accumulator asks."""
 
     start: State
     mode: Int[Array, "..."]  # of each interface during it; of smooth contact, whether the faces touch at its end
@@ -61,6 +61,6 @@ def lane_after(
         where(accept, after.step, before.step),
         select(accept, after.search, repeated),
         None if after.guards is None else select(accept | moves_low, after.guards, before.guards),
-        select(accept, after.tally, before.tally),
+        select(accept, after.accumulator, before.accumulator),
         where(active, after.status, before.status),
     )

@@ -14,7 +14,7 @@ from jax import lax
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from jaxshroud.programs.kept import is_traced
+from jaxshroud.cache.programs import is_traced
 
 
 def traced_once(f: Callable[..., Any]) -> Callable[..., Any]:
@@ -28,7 +28,7 @@ def traced_once(f: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-class Formal(ABC):
+class Symbolic(ABC):
     """A stand-in for a number while a function is traced: a symbolic zero or a power series."""
 
     @staticmethod
@@ -41,15 +41,15 @@ class Formal(ABC):
         """The sine and the versine of it as an angle."""
 
 
-class Absent(Formal):
+class Zero(Symbolic):
     """An exact zero that is known while tracing."""
 
     @staticmethod
     def chosen(condition: Any, yes: Any, no: Any) -> Any:
         """`yes` where the `condition` holds, else `no`; at least one of them is absent."""
-        return where(condition, *(0.0 if is_absent(a) else a for a in (yes, no)))
+        return where(condition, *(0.0 if is_zero(a) else a for a in (yes, no)))
 
-    def sine_versine(self) -> tuple["Absent", "Absent"]:
+    def sine_versine(self) -> tuple["Zero", "Zero"]:
         """Both absent."""
         return self, self
 
@@ -57,7 +57,7 @@ class Absent(Formal):
         """The other number."""
         return other
 
-    def __neg__(self) -> "Absent":
+    def __neg__(self) -> "Zero":
         """Still absent."""
         return self
 
@@ -69,13 +69,13 @@ class Absent(Formal):
         """The negative of the other number."""
         return -other
 
-    def __mul__(self, other: Any) -> "Absent":
+    def __mul__(self, other: Any) -> "Zero":
         """Still absent."""
         return self
 
     def __repr__(self) -> str:
         """The name of the constant."""
-        return "ABSENT"
+        return "ZERO"
 
     __radd__, __rmul__, __truediv__, __pow__, __abs__ = __add__, __mul__, __mul__, __mul__, __neg__
 
@@ -83,23 +83,23 @@ class Absent(Formal):
 if TYPE_CHECKING:
     Scalar = Float[Array, ""]
 else:
-    Scalar = Float[Array, ""] | Formal  # behaves like a number
+    Scalar = Float[Array, ""] | Symbolic  # behaves like a number
 Pair = tuple[Scalar, Scalar]  # one per blade: two flat arrays of lanes are faster than one strided
-ABSENT: Any = Absent()
-jax.tree_util.register_pytree_node(Absent, lambda _: ((), None), lambda *_: ABSENT)
+ZERO: Any = Zero()
+jax.tree_util.register_pytree_node(Zero, lambda _: ((), None), lambda *_: ZERO)
 
 
-def is_absent(value: object) -> bool:
+def is_zero(value: object) -> bool:
     """Whether a number is left out."""
-    return isinstance(value, Absent)
+    return isinstance(value, Zero)
 
 
 def where(condition: Any, yes: Any, no: Any) -> Any:
     """`jnp.where` for numbers that may be absent or series."""
     if yes is no:
         return yes
-    formal = [a for a in (yes, no) if isinstance(a, Formal)]
-    kind = max(formal, key=lambda a: not is_absent(a), default=None)
+    formal = [a for a in (yes, no) if isinstance(a, Symbolic)]
+    kind = max(formal, key=lambda a: not is_zero(a), default=None)
     if kind is not None:
         return kind.chosen(condition, yes, no)
     alike = _scalars_of_one_type(yes, no)
@@ -152,7 +152,7 @@ def blended(share: Any, yes: Any, no: Any) -> Any:
 def filled(tree: Any, like: Any) -> Any:
     """The `tree` with zeros in place of absent numbers, of the shape and type of `like`."""
     zeros = np.zeros_like if isinstance(like, np.ndarray) else jnp.zeros_like
-    return jax.tree.map(lambda a: zeros(like) if is_absent(a) else a, tree, is_leaf=is_absent)
+    return jax.tree.map(lambda a: zeros(like) if is_zero(a) else a, tree, is_leaf=is_zero)
 
 
 def summed(terms: Iterable[Any]) -> Any:

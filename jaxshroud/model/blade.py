@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 
-from jaxshroud.model.arithmetic import ABSENT, is_absent, summed
+from jaxshroud.model.arithmetic import ZERO, is_zero, summed
 from jaxshroud.model.drive import Excitation, Wave
 from jaxshroud.scene.blades import BladeMatrices, Blades
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.parts import COORDINATES, Parts
+from jaxshroud.scene.layout import COORDINATES, Parts
 from jaxshroud.scene.scene import Scene
 
 MatrixRows = tuple[tuple[Any, ...], ...]  # a matrix
@@ -65,7 +65,7 @@ class LumpedBlade(eqx.Module):
     def inverse_masses(self, parts: Parts) -> InverseMasses:
         """What multiplies forces to accelerations: the reciprocal masses of the blades of a row."""
         masses = (("y", self.inertia_y), ("theta", self.I))
-        return InverseMasses(1 / self.m, *(1 / mass if parts.has(name, 0) else ABSENT for name, mass in masses))
+        return InverseMasses(1 / self.m, *(1 / mass if parts.has(name, 0) else ZERO for name, mass in masses))
 
     def shroud(self, z: Motion) -> Motion:
         """The motion of the shroud."""
@@ -137,12 +137,12 @@ class ElasticBlade(eqx.Module):
 
     def shroud(self, z: Any) -> Motion:
         """The motion of the shroud."""
-        of = lambda numbers: [row if is_absent(row) else dot(row, numbers) for row in self.map]
+        of = lambda numbers: [row if is_zero(row) else dot(row, numbers) for row in self.map]
         return Motion(*of(z.q), *of(z.rate))
 
     def carried(self, z: Motion) -> Any:
         """The motion of the blade's coordinates, of least norm, that moves its shroud so."""
-        of = lambda numbers: tuple(dot(row, [a for a in numbers if not is_absent(a)]) for row in self.lift)
+        of = lambda numbers: tuple(dot(row, [a for a in numbers if not is_zero(a)]) for row in self.lift)
         return ElasticMotion(of(z[:3]), of(z[3:]))
 
     def accelerations(self, z: Any, Q: Wave, drive: Excitation, R: BladeForces, inverse: MatrixRows) -> Any:
@@ -154,7 +154,7 @@ class ElasticBlade(eqx.Module):
 
     def _generalized(self, forces: Sequence[Any]) -> list[Any]:
         """The generalized force on each coordinate of forces on the shroud along x, y and theta."""
-        acting = [(row, force) for row, force in zip(self.map, forces, strict=True) if not is_absent(row)]
+        acting = [(row, force) for row, force in zip(self.map, forces, strict=True) if not is_zero(row)]
         return [summed(row[j] * force for row, force in acting) for j in range(len(self.mass))]
 
     def rate(self, z: Any, a: tuple[Any, ...]) -> ElasticMotion:
@@ -163,7 +163,7 @@ class ElasticBlade(eqx.Module):
 
     def turning(self, a: tuple[Any, ...]) -> Any:
         """The angular acceleration of the shroud."""
-        return ABSENT if is_absent(self.map[2]) else dot(self.map[2], a)
+        return ZERO if is_zero(self.map[2]) else dot(self.map[2], a)
 
     def turned(self, a: tuple[Any, ...], theta: Any, inverse: MatrixRows) -> tuple[Any, ...]:
         """The accelerations once a torque on the shroud gives it the angular acceleration `theta`."""
@@ -200,11 +200,11 @@ def blades_of_row(scene: Scene) -> AnyBlade:
 def elastic_blades(matrices: BladeMatrices, parts: Parts) -> ElasticBlade:
     """Elastic blades, fields (blades,)."""
     mass, damping, stiffness, shroud = map(matrix_rows, matrices)
-    rows = tuple(row if parts.has(name, 0) else ABSENT for name, row in zip(COORDINATES, shroud, strict=True))
-    moving = [row for row in rows if not is_absent(row)]
+    rows = tuple(row if parts.has(name, 0) else ZERO for name, row in zip(COORDINATES, shroud, strict=True))
+    moving = [row for row in rows if not is_zero(row)]
     gram = inverse_of([times_vector(moving, row) for row in moving])
     lift = tuple(times_vector(gram, [row[j] for row in moving]) for j in range(len(mass)))
-    I = 1 / dot(shroud[2], times_vector(inverse_of(mass), shroud[2])) if parts.has("theta", 0) else ABSENT
+    I = 1 / dot(shroud[2], times_vector(inverse_of(mass), shroud[2])) if parts.has("theta", 0) else ZERO
     return ElasticBlade(mass, damping, stiffness, rows, lift, I)
 
 

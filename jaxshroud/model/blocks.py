@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from jaxshroud.model.arithmetic import Formal, Pair, Scalar, is_absent, plus, sine_versine
+from jaxshroud.model.arithmetic import Pair, Scalar, Symbolic, is_zero, plus, sine_versine
 
 
 class FacePoint(NamedTuple):
@@ -41,10 +41,10 @@ class Pose(NamedTuple):
 
 def rotation(theta: Scalar) -> tuple[Scalar, Scalar]:
     """The sine and the versine of an angle."""
-    return theta.sine_versine() if isinstance(theta, Formal) else sine_versine(theta)
+    return theta.sine_versine() if isinstance(theta, Symbolic) else sine_versine(theta)
 
 
 def rounding_of_sum(terms: tuple[Scalar, ...]) -> Scalar:
     """Four roundings of every term of a sum."""
     size = reduce(plus, map(abs, terms))
-    return size if is_absent(size) else 4 * float(jnp.finfo(size.dtype).eps) * size
+    return size if is_zero(size) else 4 * float(jnp.finfo(size.dtype).eps) * size

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.model.arithmetic import ABSENT, Scalar, where
+from jaxshroud.model.arithmetic import ZERO, Scalar, where
 from jaxshroud.model.contact import Load, contact_load
 from jaxshroud.model.geometry import (
     AtPoint,
@@ -134,12 +134,12 @@ class ContactLaw(SceneLaw):
     @property
     def tangential_stiffness(self) -> Scalar:
         """The largest stiffness dF/du [N/m], in full stick; absent without friction."""
-        return ABSENT
+        return ZERO
 
     @property
     def slider_haste(self) -> Scalar:
         """The rate at which an integrated slider follows the motion [1/s]; absent where there is none."""
-        return ABSENT
+        return ZERO
 
     def relaxation(self, speed: Scalar) -> Scalar:
         """The fastest relaxation rate of an internal state at a `speed` of the blades [m/s], in 1/s."""
@@ -157,7 +157,7 @@ class ContactLaw(SceneLaw):
     def stretch(self, v: Scalar, u: Scalar, u_s: Slider, mode: Modes) -> Slider:
         """What the friction element stores energy by: the stretch w of its spring [m]; absent without friction."""
         del v, u, u_s, mode
-        return ABSENT
+        return ZERO
 
     def stretch_at(self, at: Kinematics, u_s: Slider, mode: Any) -> Any:
         """The `stretch` at an interface, of several points that of each."""
@@ -170,12 +170,12 @@ class ContactLaw(SceneLaw):
     def dissipated_power(self, point: ContactPoint, forces: Any) -> Scalar:
         """The power that contact dissipates [W]."""
         del point, forces
-        return ABSENT
+        return ZERO
 
     def load_rates(self, point: ContactPoint, forces: Any) -> ContactLoads:
         """The rates of the loads."""
         del point
-        return ContactLoads(forces.N, ABSENT, ABSENT, ABSENT)
+        return ContactLoads(forces.N, ZERO, ZERO, ZERO)
 
     def case_blend(self, q: Pose, block: Corners) -> CaseBlend | None:
         """The mixture of the four cases of blocks that turn; None where contact switches from corner to corner."""
@@ -189,7 +189,7 @@ class ContactLaw(SceneLaw):
     def carried_slider(self, u_s: Slider, mode: Any) -> Slider:
         """A user's slider in the form that compiled loops carry; absent without one."""
         del u_s, mode
-        return ABSENT
+        return ZERO
 
     def lift_guard(self, at: AtPoint, rate: RatesAtPoint, apart: Bool[Array, ""]) -> tuple[Scalar, Scalar]:
         """The value [m] and the rate of the guard of onset and separation: v when `apart`, -v in contact."""
@@ -199,7 +199,7 @@ class ContactLaw(SceneLaw):
     def friction_guard(self, at: AtPoint, rate: RatesAtPoint, u_s: Slider, mode: Modes) -> FrictionGuard:
         """The guard of the friction element."""
         del at, rate, u_s, mode
-        return FrictionGuard(ABSENT, ABSENT, ABSENT)
+        return FrictionGuard(ZERO, ZERO, ZERO)
 
     def onset_mode(self, crossing: GuardCrossing) -> Modes:
         """The mode as contact begins."""
@@ -213,7 +213,7 @@ class ContactLaw(SceneLaw):
     def slider_after(self, crossing: GuardCrossing, w: Slider, mode: Modes, u: Scalar) -> Slider:
         """The slider after an event that leads into a `mode` and a slide `u`, from the stretch `w` before it."""
         del crossing, w, mode, u
-        return ABSENT
+        return ZERO
 
     def largest_normal_force(self, deepest: Scalar, mode: Modes, at_ends: tuple[Scalar, Scalar]) -> Scalar:
         """The largest normal force of a trial [N], from the largest penetration [m] and the forces at its ends [N]."""
@@ -223,7 +223,7 @@ class ContactLaw(SceneLaw):
     def friction_rate(self, rate: RatesAtPoint, mode: Modes) -> Scalar:
         """The rate of the friction force [N/s]; absent where it is not known, or there is no friction."""
         del rate, mode
-        return ABSENT
+        return ZERO
 
 
 class LinearLaw(ContactLaw):
@@ -243,7 +243,7 @@ class LinearLaw(ContactLaw):
     def slider_speed(self, v_rate: Scalar, u_rate: Scalar, mode: Modes) -> Scalar:
         """The rate of the slider [m/s], or with changes of v and u [m] its own; absent without friction."""
         del v_rate, u_rate, mode
-        return ABSENT
+        return ZERO
 
     def friction_series(self, at: Kinematics, rate: Rates, u_s: Slider, mode: Modes) -> tuple[Scalar, ...]:
         """The guards of the friction element as series, which have no magnitude: one for each direction in stick."""

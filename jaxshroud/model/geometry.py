@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.model.arithmetic import Formal, Pair, Scalar, blended, where
+from jaxshroud.model.arithmetic import Pair, Scalar, Symbolic, blended, where
 from jaxshroud.model.blocks import Corners, FacePoint, Pose, rotation, rounding_of_sum
 from jaxshroud.model.face_points import (
     FaceKinematics,
@@ -184,7 +184,7 @@ def contact_rates(at: Kinematics, z: Motion, case: Case, reading: frozenset[str]
     The offset e moves with the corners' velocities, and the axes n, t turn with the face: A' = -theta_f'. Hence
     v' = e'.n - theta_f' u and u' = e'.t + theta_f' v. Those of faces of points turn with the mean of both blocks.
     """
-    if isinstance(at.v, Formal):
+    if isinstance(at.v, Symbolic):
         return ContactRates(rate_of(at.v), rate_of(at.u), rate_of(at.height), rate_of(at.turn))
     (l_x, r_x), (l_y, r_y) = at.corner, at.corner_y
     w = z.v_theta

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from jaxshroud.model.arithmetic import ABSENT, Scalar, where
+from jaxshroud.model.arithmetic import ZERO, Scalar, where
 from jaxshroud.model.contact import Load
 from jaxshroud.model.contact_law import ContactPoint, Forces
 from jaxshroud.model.face_points import FaceKinematics
@@ -78,6 +78,6 @@ class EndTorques(NamedTuple):
 def torques_along_face(torque: Scalar, forces: Forces, at: Kinematics, state: State, model: Model) -> EndTorques:
     """`end_torques` from the `torque` with contact at the corner of the current case."""
     along, corner = forces.N * model.block.l_ab, model.law.shift_torque(at, forces, state.mode)
-    shift = where(is_upper(state.case), along, ABSENT) - where(tip_is_left(state.case), corner, ABSENT)
+    shift = where(is_upper(state.case), along, ZERO) - where(tip_is_left(state.case), corner, ZERO)
     at_d, higher = torque + shift, at.height > 0
-    return EndTorques(at_d + where(higher, corner, ABSENT), at_d - along + where(higher, ABSENT, corner))
+    return EndTorques(at_d + where(higher, corner, ZERO), at_d - along + where(higher, ZERO, corner))

@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxshroud.scene.capabilities import require_capability
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.laws import Laws
+from jaxshroud.scene.layout import require_capability
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 

@@ -16,7 +16,7 @@ from jaxshroud.model.geometry import gyration
 from jaxshroud.scene.drive import DriveHarmonic, MeanLoad
 from jaxshroud.scene.fields import PerBlade
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.parts import COORDINATES
+from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene, Shroud
 from jaxshroud.scene.typed import typed
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.drive import DriveHarmonic, MeanLoad
-from jaxshroud.scene.parts import COORDINATES
+from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
 

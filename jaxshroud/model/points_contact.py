@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import jax.numpy as jnp
 
-from jaxshroud.model.arithmetic import ABSENT, Scalar, is_absent, summed, where
+from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, summed, where
 from jaxshroud.model.contact import Load, middle_load
 from jaxshroud.model.contact_law import (
     ContactLaw,
@@ -53,7 +53,7 @@ class PointsContact(ContactLaw):
     def of_points(self, point: ContactPoint) -> list[ContactPoint]:
         """The points of an interface."""
         rates = [None] * len(self.laws) if point.own_rates is None else point.own_rates.points
-        sliders = [ABSENT] * len(self.laws) if is_absent(point.u_s) else point.u_s
+        sliders = [ZERO] * len(self.laws) if is_zero(point.u_s) else point.u_s
         return [
             point._replace(at=at, u_s=u_s, mode=mode, own_rates=rate)
             for at, u_s, mode, rate in zip(point.at.points, sliders, point.mode, rates, strict=True)
@@ -62,7 +62,7 @@ class PointsContact(ContactLaw):
     def forces(self, point: ContactPoint) -> SummedForces:
         """The sums of the forces of the points, and these."""
         of_each = tuple(law.forces(own) for law, own in zip(self.laws, self.of_points(point), strict=True))
-        return SummedForces(summed(own.N for own in of_each), summed(own.F for own in of_each), ABSENT, of_each)
+        return SummedForces(summed(own.N for own in of_each), summed(own.F for own in of_each), ZERO, of_each)
 
     def load(self, point: ContactPoint, forces: SummedForces, block: Corners) -> Load:
         """The load of all points."""
@@ -72,7 +72,7 @@ class PointsContact(ContactLaw):
 
     def stored_energy(self, v: Any, w: Any, mode: Any) -> Scalar:
         """The sum of the energies of the points [J], from their penetrations, stretches and modes."""
-        stretches = [ABSENT] * len(self.laws) if is_absent(w) else w
+        stretches = [ZERO] * len(self.laws) if is_zero(w) else w
         return summed(law.stored_energy(*own) for law, *own in zip(self.laws, v, stretches, mode, strict=True))
 
     def energy_at(self, at: Any, w: Any, mode: Any) -> Scalar:
@@ -81,8 +81,8 @@ class PointsContact(ContactLaw):
 
     def stretch_at(self, at: Any, u_s: Any, mode: Any) -> Any:
         """The stretch of each point [m]; absent without friction."""
-        if is_absent(u_s):
-            return ABSENT
+        if is_zero(u_s):
+            return ZERO
         numbers = zip(self.laws, at.points, u_s, mode, strict=True)
         return tuple(law.stretch(own.v, own.u, slider, own_mode) for law, own, slider, own_mode in numbers)
 
@@ -94,7 +94,7 @@ class PointsContact(ContactLaw):
         """The sums of the loads; the time is that in which any point slips, the path its mean by the shares."""
         of_each = self._of_each(lambda law, *own: law.load_rates(*own), point, forces)
         times: list[Any] = [own.time_slip for own in of_each]
-        slips = times[0] if is_absent(times[0]) else reduce(jnp.maximum, times)
+        slips = times[0] if is_zero(times[0]) else reduce(jnp.maximum, times)
         path = summed(share * own.slip for share, own in zip(self.shares, of_each, strict=True))
         return ContactLoads(summed(own.N for own in of_each), summed(own.N_slip for own in of_each), slips, path)
 
@@ -109,17 +109,17 @@ class PointsContact(ContactLaw):
     def carried_slider(self, u_s: Any, mode: Any) -> Any:
         """One for each point; absent without friction."""
         del mode
-        return _by_point(u_s) if self.has_friction else ABSENT
+        return _by_point(u_s) if self.has_friction else ZERO
 
     def crossing_at(self, m: int, crossing: GuardCrossing) -> GuardCrossing:
         """The crossing at point `m`."""
-        u_s = crossing.u_s if is_absent(crossing.u_s) else crossing.u_s[m]
+        u_s = crossing.u_s if is_zero(crossing.u_s) else crossing.u_s[m]
         return GuardCrossing(crossing.at.points[m], crossing.rate.points[m], u_s, crossing.mode[m], crossing.delay)
 
     def slider_after(self, crossing: GuardCrossing, w: Any, mode: Any, u: Scalar) -> Any:
         """The slider of each point; that of a point whose mode stays is as it was."""
-        if is_absent(crossing.u_s):
-            return ABSENT
+        if is_zero(crossing.u_s):
+            return ZERO
 
         def after(m: int, law: ContactLaw) -> Slider:
             new = law.slider_after(self.crossing_at(m, crossing), w[m], mode[m], u)

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxshroud.model.arithmetic import ABSENT, Scalar
+from jaxshroud.model.arithmetic import ZERO, Scalar
 from jaxshroud.model.blade import InverseMasses, LumpedBlade, lumped_blades
 from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.drive import Excitation, excitation
@@ -19,7 +19,7 @@ from jaxshroud.model.spring_contact import BilinearContact, NoContact, SpringCon
 from jaxshroud.model.user_contact import UserContact
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.laws import Laws
-from jaxshroud.scene.parts import ContactPart, Parts
+from jaxshroud.scene.layout import ContactPart, Parts
 from jaxshroud.scene.scene import Scene
 
 
@@ -79,7 +79,7 @@ def prepared_model(scene: Scene) -> Model:
 
 def _mobility(scene: Scene) -> Mobility:
     b, has = scene.blades, scene.parts.has
-    of = lambda name, mass: tuple(1 / mass[i] if has(name, i) else ABSENT for i in (0, 1))
+    of = lambda name, mass: tuple(1 / mass[i] if has(name, i) else ZERO for i in (0, 1))
     share = b.I[0] / (b.I[0] + b.I[1]) if scene.parts.neighbour == "blade" else jnp.zeros_like(b.I[0])
     joint = b.I[1] * share if scene.parts.neighbour == "blade" else b.I[0]
     return Mobility(InverseMasses(of("x", b.m), of("y", b.inertia_y), of("theta", b.I)), share, joint)
@@ -107,7 +107,7 @@ def _kind_of_spring_contact(scene: Scene) -> type[ContactLaw]:
 
 
 def _smooth_contact(scene: Scene) -> ContactLaw:
-    k, width, element = scene.k, scene.contact.width, (ABSENT, ABSENT, ABSENT)
+    k, width, element = scene.k, scene.contact.width, (ZERO, ZERO, ZERO)
     assert width is not None  # which scenes with smooth contact have
     haste = _free_speed(scene) / width
     element = element if scene.parts.friction == "none" else _friction_element(k, scene)

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import jax
 
-from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, of_blade, sine_versine, where
+from jaxshroud.model.arithmetic import ZERO, Pair, Scalar, is_zero, of_blade, sine_versine, where
 from jaxshroud.model.blade import Acceleration, AnyBlade, BladeForces
 from jaxshroud.model.contact import Load
 from jaxshroud.model.contact_law import ContactLoads, Slider
@@ -83,7 +83,7 @@ def accelerations(z: Motion, Q: Waves, load: Load, model: Model) -> Acceleration
 def parallel_mean(pair: Pair, model: Model) -> Pair:
     """The common value of two turning blocks that are held parallel: their mean, weighted by inertia."""
     mean = pair[1] + model.mobility.share * (pair[0] - pair[1])
-    return mean, pair[1] if is_absent(pair[1]) else mean
+    return mean, pair[1] if is_zero(pair[1]) else mean
 
 
 def end_torques(z: Motion, Q: Waves, at: Kinematics, state: State, model: Model) -> EndTorques:
@@ -93,7 +93,7 @@ def end_torques(z: Motion, Q: Waves, at: Kinematics, state: State, model: Model)
     u t + v n, c is at l_ab t, and a is at the sum of both; the overlap ends at d and a, or at b and c.
     """
     if not touches_at_corners(model):
-        return EndTorques(ABSENT, ABSENT)
+        return EndTorques(ZERO, ZERO)
     return end_torques_under(loaded_contact(at, z, state, state.case, model), z, Q, at, state, model)
 
 
@@ -116,8 +116,8 @@ def blade_mean_square(
         Eqs. (22), (23): over a centrally symmetric block the cross terms vanish, so no area quadrature is needed.
     """
     if static is not None:
-        x, y = (a if is_absent(a) else a - at for a, at in ((x, static.x), (y, static.y)))
-        if not is_absent(versine):
+        x, y = (a if is_zero(a) else a - at for a, at in ((x, static.x), (y, static.y)))
+        if not is_zero(versine):
             versine = about_static((x, y, sine, versine), static)[3]
     return x**2 + y**2 + gyration * 2 * versine
 
@@ -150,7 +150,7 @@ class StateDerivative(NamedTuple):
 
 def position_at(x: Any, y: Any, theta: Any) -> Means:
     """The position at some displacements, of any shape."""
-    return Means(x, y, *((theta, theta) if is_absent(theta) else sine_versine(theta)))
+    return Means(x, y, *((theta, theta) if is_zero(theta) else sine_versine(theta)))
 
 
 def left_position(q: Pose) -> Means:

@@ -23,7 +23,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxshroud.model.arithmetic import ABSENT, is_absent
+from jaxshroud.model.arithmetic import ZERO, is_zero
 from jaxshroud.model.blade import AnyBlade, BladeForces, blades_of_row
 from jaxshroud.model.drive import Excitation, excitation
 from jaxshroud.model.geometry import rotation
@@ -45,7 +45,7 @@ from jaxshroud.model.rhs import (
     position_at,
 )
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.parts import Parts
+from jaxshroud.scene.layout import Parts
 from jaxshroud.scene.scene import Contact, Friction, Scene, Shroud
 
 OfBlades = Float[Array, "blades lanes"]
@@ -139,8 +139,8 @@ def right_of_interfaces(a: Array, closed: bool) -> Array:
 
 def both_sides(tree: Any, closed: bool) -> Any:
     """A tree of numbers of blades as one of pairs at interfaces."""
-    sides = lambda a: (a, a) if is_absent(a) else (left_of_interfaces(a, closed), right_of_interfaces(a, closed))
-    return jax.tree.map(sides, tree, is_leaf=is_absent)
+    sides = lambda a: (a, a) if is_zero(a) else (left_of_interfaces(a, closed), right_of_interfaces(a, closed))
+    return jax.tree.map(sides, tree, is_leaf=is_zero)
 
 
 def sum_at_blades(on_left: Array, on_right: Array, closed: bool) -> Array:
@@ -159,9 +159,9 @@ def pair_states(state: State, model: RowModel) -> State:
 def blade_forces(effects: ContactEffects, model: RowModel) -> BladeForces:
     """The forces of contact on each blade."""
     load, total = effects.load, partial(sum_at_blades, closed=model.closed)
-    if is_absent(load.R_x):
-        return BladeForces(ABSENT, ABSENT, ABSENT)
-    M = total(*load.M) if model.turns else ABSENT
+    if is_zero(load.R_x):
+        return BladeForces(ZERO, ZERO, ZERO)
+    M = total(*load.M) if model.turns else ZERO
     return BladeForces(total(load.R_x, -load.R_x), total(load.R_y, -load.R_y), M)
 
 

@@ -14,11 +14,11 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from jaxshroud.model.arithmetic import ABSENT, Formal, is_absent, minus, plus, sine_versine, times, where
+from jaxshroud.model.arithmetic import ZERO, Symbolic, is_zero, minus, plus, sine_versine, times, where
 
 
-class Series(Formal):
-    """A power series by a `rule` for the coefficients, which may use earlier ones; ABSENT is an exact zero."""
+class Series(Symbolic):
+    """A power series by a `rule` for the coefficients, which may use earlier ones; ZERO is an exact zero."""
 
     def __init__(self, rule: Callable[[int], Any]):
         self._rule, self._known = rule, []
@@ -61,14 +61,14 @@ class Series(Formal):
 
     def __add__(self, other: Any) -> Any:
         """The sum."""
-        if is_absent(other):
+        if is_zero(other):
             return self
         other = as_series(other)
         return Series(lambda n: plus(self[n], other[n]))
 
     def __sub__(self, other: Any) -> Any:
         """The difference."""
-        if is_absent(other):
+        if is_zero(other):
             return self
         other = as_series(other)
         return Series(lambda n: minus(self[n], other[n]))
@@ -79,7 +79,7 @@ class Series(Formal):
 
     def __mul__(self, other: Any) -> Any:
         """The product."""
-        if is_absent(other):
+        if is_zero(other):
             return other
         if isinstance(other, Series):
             return Series(lambda n: _square(self, n) if other is self else _product(self, other, n))
@@ -129,20 +129,20 @@ def of_each(value: Any, f: Callable[[Any], Any]) -> Any:
 
 def truncated(value: Any, n: int) -> Any:
     """A series truncated after coefficient `n`."""
-    return Series(lambda k: value[k] if k <= n else ABSENT) if isinstance(value, Series) else value
+    return Series(lambda k: value[k] if k <= n else ZERO) if isinstance(value, Series) else value
 
 
 def as_series(value: Any) -> Series:
     """A series or a constant as a series."""
-    return value if isinstance(value, Series) else Series(lambda n: ABSENT if n else value)
+    return value if isinstance(value, Series) else Series(lambda n: ZERO if n else value)
 
 
 def chained_sum(terms: list) -> Any:
     """The sum of terms in two chains, which halves the latency."""
-    present = [t for t in terms if not is_absent(t)]
+    present = [t for t in terms if not is_zero(t)]
     chains = [present[i::2] for i in (0, 1)]
     sums = [reduce(plus, chain) for chain in chains if chain]
-    return reduce(plus, sums) if sums else ABSENT
+    return reduce(plus, sums) if sums else ZERO
 
 
 def _product(a: Series, b: Series, n: int) -> Any:
@@ -154,7 +154,7 @@ def _product(a: Series, b: Series, n: int) -> Any:
 
 def _square(a: Series, n: int) -> Any:
     half = chained_sum([times(a[k], a[n - k]) for k in range((n + 1) // 2)])
-    return plus(plus(half, half), ABSENT if n % 2 else times(a[n // 2], a[n // 2]))
+    return plus(plus(half, half), ZERO if n % 2 else times(a[n // 2], a[n // 2]))
 
 
 def polynomial_value(coefficients: tuple, x: Any) -> Any:
@@ -167,7 +167,7 @@ def polynomial_value(coefficients: tuple, x: Any) -> Any:
 
 def polynomial_value_and_rate(coefficients: tuple, x: Any) -> tuple[Any, Any]:
     """The value and the derivative of a polynomial."""
-    value, rate = coefficients[-1], ABSENT
+    value, rate = coefficients[-1], ZERO
     for c in reversed(coefficients[:-1]):
         rate = plus(times(rate, x), value)
         value = plus(times(value, x), c)

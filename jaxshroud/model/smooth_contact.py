@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from jaxshroud.model.arithmetic import ABSENT, Scalar, is_absent
+from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero
 from jaxshroud.model.contact_law import ContactLaw, ContactLoads, ContactPoint, LawForces, Modes, Slider
 from jaxshroud.model.geometry import CaseBlend, Corners, Pose, blended_case
 from jaxshroud.model.modes import Mode
@@ -38,7 +38,7 @@ class SmoothContact(ContactLaw):
     @property
     def tangential_stiffness(self) -> Scalar:
         """The stiffness k_d of small slides [N/m]."""
-        return self.k_d if is_absent(self.mu) else jnp.where(self.mu > 0, self.k_d, 0.0)
+        return self.k_d if is_zero(self.mu) else jnp.where(self.mu > 0, self.k_d, 0.0)
 
     @property
     def slider_haste(self) -> Scalar:
@@ -58,14 +58,14 @@ class SmoothContact(ContactLaw):
         v, u, u_s, mode = point.at.v, point.at.u, point.u_s, point.mode
         N = self.normal_force(v)
         F = self.friction_force(v, u, u_s, mode)
-        rate = ABSENT if is_absent(self.lag) else self.haste * (u - u_s - self.stretch(v, u, u_s, mode))
+        rate = ZERO if is_zero(self.lag) else self.haste * (u - u_s - self.stretch(v, u, u_s, mode))
         return LawForces(N, F, rate)
 
     def stretch(self, v: Scalar, u: Scalar, u_s: Slider, mode: Modes) -> Slider:
         """The stretch w of the friction spring [m]."""
         del mode
-        if is_absent(self.lag):
-            return ABSENT
+        if is_zero(self.lag):
+            return ZERO
         limit = self.lag * _smooth_positive_part(v, self.width)
         return (_smooth_abs(u - u_s + limit, self.width) - _smooth_abs(u - u_s - limit, self.width)) / 2
 
@@ -83,9 +83,9 @@ class SmoothContact(ContactLaw):
 
     def load_rates(self, point: ContactPoint, forces: LawForces) -> ContactLoads:
         """The rates of the loads; nothing tells slip from stick."""
-        if is_absent(self.lag):
+        if is_zero(self.lag):
             return super().load_rates(point, forces)
-        return ContactLoads(forces.N, ABSENT, ABSENT, abs(forces.u_s))
+        return ContactLoads(forces.N, ZERO, ZERO, abs(forces.u_s))
 
     def case_blend(self, q: Pose, block: Corners) -> CaseBlend:
         """The mixture of the cases over the width."""
@@ -98,7 +98,7 @@ class SmoothContact(ContactLaw):
     def carried_slider(self, u_s: Slider, mode: Modes) -> Slider:
         """The slider; absent without friction."""
         del mode
-        return ABSENT if is_absent(self.lag) else u_s
+        return ZERO if is_zero(self.lag) else u_s
 
     def largest_normal_force(self, deepest: Scalar, mode: Modes, at_ends: tuple[Scalar, Scalar]) -> Scalar:
         """The normal force at the largest penetration [N]."""

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import jax.numpy as jnp
 
-from jaxshroud.model.arithmetic import ABSENT, Scalar, where
+from jaxshroud.model.arithmetic import ZERO, Scalar, where
 from jaxshroud.model.contact import Load, sprung_load
 from jaxshroud.model.contact_law import (
     ContactLoads,
@@ -36,18 +36,18 @@ class NoContact(LinearLaw):
 
     @property
     def normal_stiffness(self) -> Scalar:
-        """Absent."""
-        return ABSENT
+        """Zero."""
+        return ZERO
 
     def normal_force(self, v: Scalar, mode: Modes) -> Scalar:
-        """Absent."""
+        """Zero."""
         del v, mode
-        return ABSENT
+        return ZERO
 
     def forces(self, point: ContactPoint) -> LawForces:
         """All absent."""
         del point
-        return LawForces(ABSENT, ABSENT, ABSENT)
+        return LawForces(ZERO, ZERO, ZERO)
 
     def stored_energy(self, v: Scalar, w: Slider, mode: Modes) -> Scalar:
         """Zero [J]."""
@@ -75,11 +75,11 @@ class SpringContact(LinearLaw):
 
     def normal_force(self, v: Scalar, mode: Modes) -> Scalar:
         """The normal force N = k v in contact [N]."""
-        return where(mode == Mode.APART, ABSENT, self.k * v)
+        return where(mode == Mode.APART, ZERO, self.k * v)
 
     def forces(self, point: ContactPoint) -> LawForces:
         """The normal force."""
-        return LawForces(self.normal_force(point.at.v, point.mode), ABSENT, ABSENT)
+        return LawForces(self.normal_force(point.at.v, point.mode), ZERO, ZERO)
 
     def stored_energy(self, v: Scalar, w: Slider, mode: Modes) -> Scalar:
         """The energy k v^2 / 2 of the spring [J]."""
@@ -100,7 +100,7 @@ class SpringContact(LinearLaw):
 
     def _engaged_stiffness(self, mode: Modes) -> Scalar:
         """The stiffness k; absent when apart."""
-        return where(mode == Mode.APART, ABSENT, self.k)
+        return where(mode == Mode.APART, ZERO, self.k)
 
     def largest_normal_force(self, deepest: Scalar, mode: Modes, at_ends: tuple[Scalar, Scalar]) -> Scalar:
         """The normal force at the largest penetration [N]."""
@@ -139,7 +139,7 @@ class BilinearContact(SpringContact):
         """The normal and the friction force."""
         v, u = point.at.v, point.at.u
         N = self.normal_force(v, point.mode)
-        return LawForces(N, self.friction_force(v, u, point.u_s, point.mode), ABSENT)
+        return LawForces(N, self.friction_force(v, u, point.u_s, point.mode), ZERO)
 
     def stretch(self, v: Scalar, u: Scalar, u_s: Slider, mode: Modes) -> Slider:
         """The stretch w of the friction spring [m]: u - u_s in stick, sigma mu N / k_d in slip, 0 apart."""
@@ -152,7 +152,7 @@ class BilinearContact(SpringContact):
     def slider_speed(self, v_rate: Scalar, u_rate: Scalar, mode: Modes) -> Scalar:
         """The rate d(u_s)/dt in slip [m/s]: u' - sigma mu k v' / k_d; zero otherwise."""
         sigma = slip_sign(mode, v_rate.dtype)
-        return where(sigma == 0, ABSENT, u_rate - sigma * (self.lag * v_rate))
+        return where(sigma == 0, ZERO, u_rate - sigma * (self.lag * v_rate))
 
     def dissipated_power(self, point: ContactPoint, forces: LawForces) -> Scalar:
         """F times the speed of the slider [W]."""

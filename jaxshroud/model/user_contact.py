@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from jaxshroud.model.arithmetic import ABSENT, Scalar, is_absent, where
+from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, where
 from jaxshroud.model.contact_law import ContactLaw, ContactPoint, GuardCrossing, LawForces, Modes, Slider
 from jaxshroud.model.geometry import AtPoint, RatesAtPoint
 from jaxshroud.model.modes import Mode
@@ -55,8 +55,8 @@ class UserContact(ContactLaw):
         """The forces of the laws and the rate of z; a normal force cannot pull."""
         rate, touches = point.rates(), point.mode != Mode.APART
         N = where(touches, jnp.maximum(self.laws.push(jnp.maximum(point.at.v, 0.0), rate.v), 0.0), 0.0)
-        if is_absent(point.u_s):
-            return LawForces(N, ABSENT, ABSENT)
+        if is_zero(point.u_s):
+            return LawForces(N, ZERO, ZERO)
         F, z_t = self.laws.rub(point.u_s, rate.u, N)
         return LawForces(N, where(touches, F, 0.0), where(touches, z_t, jnp.zeros_like(z_t)))
 
@@ -79,7 +79,7 @@ class UserContact(ContactLaw):
     def carried_slider(self, u_s: Slider, mode: Modes) -> Slider:
         """The state z, by default the first one; absent without a friction law."""
         if self.laws.friction is None:
-            return ABSENT
+            return ZERO
         z = self.laws.z
         fits = jnp.shape(u_s) == z.shape
         return jnp.where(mode == Mode.APART, z, u_s) if fits else z
@@ -94,7 +94,7 @@ class UserContact(ContactLaw):
     def slider_after(self, crossing: GuardCrossing, w: Slider, mode: Modes, u: Scalar) -> Slider:
         """The state z goes on while contact lasts, and is the first one at an onset."""
         del w, u
-        if is_absent(crossing.u_s):
-            return ABSENT
+        if is_zero(crossing.u_s):
+            return ZERO
         in_contact = (crossing.mode != Mode.APART) & (mode != Mode.APART)
         return where(in_contact, crossing.u_s, self.laws.z)

@@ -17,11 +17,11 @@ from matplotlib.patches import Polygon
 
 from jaxshroud.io.files import write
 from jaxshroud.model.modes import Mode
-from jaxshroud.plotting.film import FRAME_MARGIN, Blocks, Film, fitting_factor, last_frames, stored_blocks
+from jaxshroud.plotting.frames import FRAME_MARGIN, Animation, Blocks, fitting_factor, last_frames, stored_blocks
+from jaxshroud.plotting.page import scale_of, title_of
 from jaxshroud.plotting.plot_run import CASE_STYLES, MODE_STYLES, TIME_LABEL
-from jaxshroud.plotting.row_film import RowFilm
+from jaxshroud.plotting.row_animation import RowAnimation
 from jaxshroud.plotting.run_data import FEWEST_SAMPLES, run_data
-from jaxshroud.plotting.scales import scale_of, title_of
 from jaxshroud.plotting.style import (
     BLUE,
     COLUMN_WIDTH,
@@ -84,14 +84,14 @@ def save_animation(
         )
     frames, blocks = last_frames(run, periods), stored_blocks(ds)
     factor = factor or fitting_factor(frames, blocks)
-    new_film = RowFilm if "interface" in ds.dims else PairFilm
+    new_animation = RowAnimation if "interface" in ds.dims else PairAnimation
     with mpl.rc_context(STYLE), tempfile.TemporaryDirectory() as folder:
-        film = new_film(frames, blocks, factor, title_of(ds) if title is None else as_is(title))
-        film.fix_layout()
+        animation = new_animation(frames, blocks, factor, title_of(ds) if title is None else as_is(title))
+        animation.fix_layout()
         writer, temporary = Writers[path.suffix](fps=PER_SECOND), Path(folder, path.name)
-        with writer.saving(film.figure, str(temporary), DPI):
+        with writer.saving(animation.figure, str(temporary), DPI):
             for i in range(frames.sizes["time"]):
-                film.show(i)
+                animation.show(i)
                 writer.grab_frame()
                 if progress is not None:
                     progress(i + 1, frames.sizes["time"])
@@ -99,7 +99,7 @@ def save_animation(
     return factor
 
 
-class PairFilm(Film):
+class PairAnimation(Animation):
     """A figure that shows one frame after the other: the blocks, and below them the forces or displacements so far."""
 
     def __init__(self, frames: xr.Dataset, blocks: Blocks, factor: float, title: str):

@@ -11,7 +11,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, LogLocator, MaxNLocator
 
-from jaxshroud.plotting.page import Page
+from jaxshroud.plotting.page import Page, figure_of
 from jaxshroud.plotting.plot_amplitude import amplitude_page, response_page
 from jaxshroud.plotting.plot_attractors import attractors_page, basins_page
 from jaxshroud.plotting.plot_branch import branch_page
@@ -25,11 +25,10 @@ from jaxshroud.plotting.plot_sensitivity import gradient_page, scatter_page
 from jaxshroud.plotting.plot_sweep import sweep_page
 from jaxshroud.plotting.plot_trade import trade_page
 from jaxshroud.plotting.plot_tuning import robustness_page, tuning_page
-from jaxshroud.plotting.scales import figure_of
-from jaxshroud.plotting.style import STYLE, Look, as_is, fit_title, new_figure, show_message, typeset
+from jaxshroud.plotting.style import STYLE, Appearance, as_is, fit_title, new_figure, show_message, typeset
 from jaxshroud.scene.checks import InputError
 
-# Kind of a result -> the function that makes its page from its content, the look and options of its own.
+# Kind of a result -> the function that makes its page from its content, the appearance and options of its own.
 PAGES: dict[str, Callable[..., Page]] = {
     "trajectory": run_page,
     "sweep": sweep_page,
@@ -64,25 +63,25 @@ def picture(
         content: The result as its page takes it.
         ax: Draw one panel there, by default the first.
         panel: Draw only this panel.
-        options: Fields of `Look`, and options of the page.
+        options: Fields of `Appearance`, and options of the page.
 
     Raises:
         ValueError: There is no such picture or panel, or an option of the whole figure is given with `ax`.
     """
     if kind not in PAGES:
         raise InputError(f"There is no picture of a result of the kind {kind!r}.")
-    look = Look()._replace(**{name: options.pop(name) for name in Look._fields if name in options})
-    page = PAGES[kind](content, look, **options)
+    appearance = Appearance()._replace(**{name: options.pop(name) for name in Appearance._fields if name in options})
+    page = PAGES[kind](content, appearance, **options)
     if ax is not None:
-        _draw_alone(page, panel, ax, look)
+        _draw_alone(page, panel, ax, appearance)
         return figure_of(ax)
     page = page if panel is None else page.only(panel)
-    with mpl.rc_context(STYLE | page.rc), _style_context(look.style):
-        figure = new_figure(page.title, *page.size, look)
+    with mpl.rc_context(STYLE | page.rc), _style_context(appearance.style):
+        figure = new_figure(page.title, *page.size, appearance)
         if page.nothing:
             return show_message(figure, page.nothing)
         page.draw_on(figure)
-        _set_xlabel(figure.axes, look)
+        _set_xlabel(figure.axes, appearance)
         for axes in figure.axes:
             fit_title(axes)
             if page.set_ticks:
@@ -90,7 +89,7 @@ def picture(
     return figure
 
 
-def _draw_alone(page: Page, name: str | None, ax: Axes, look: Look) -> None:
+def _draw_alone(page: Page, name: str | None, ax: Axes, appearance: Appearance) -> None:
     """Draw one panel on axes of the user's own figure.
 
     Raises:
@@ -103,11 +102,11 @@ def _draw_alone(page: Page, name: str | None, ax: Axes, look: Look) -> None:
         assert page.content is not None
         panel.draw(ax, page.content)
     for option in ("width", "style"):
-        if getattr(look, option) is not None:
+        if getattr(appearance, option) is not None:
             raise InputError(f"`{option}` belongs to the figure; leave it out, or leave `ax` out.")
-    if look.title is not None:
-        ax.set_title(typeset(as_is(look.title)))
-    _set_xlabel([ax], look)
+    if appearance.title is not None:
+        ax.set_title(typeset(as_is(appearance.title)))
+    _set_xlabel([ax], appearance)
 
 
 @contextmanager
@@ -121,15 +120,15 @@ def _style_context(path: str | os.PathLike[str] | None) -> Iterator[None]:
         yield
 
 
-def _set_xlabel(axes: list[Axes], look: Look) -> None:
+def _set_xlabel(axes: list[Axes], appearance: Appearance) -> None:
     """Set the x label that was asked for, if the picture has a single x axis."""
     labelled = [ax for ax in axes if ax.get_xlabel()]
-    if look.xlabel is None or not labelled:
+    if appearance.xlabel is None or not labelled:
         return
     if len({ax.get_xlabel() for ax in labelled}) > 1:
         raise InputError("This picture has several x axes; label one of its panels, drawn alone.")
     for ax in labelled:
-        ax.set_xlabel(typeset(as_is(look.xlabel)))
+        ax.set_xlabel(typeset(as_is(appearance.xlabel)))
 
 
 def set_ticks(axes: Axes) -> None:

@@ -9,20 +9,21 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from jaxshroud.io.response_data import points_of_member
 from jaxshroud.io.scene_numbers import layout_in
 from jaxshroud.model.modes import BIFURCATION_KINDS, WAVE_RESIDUAL, Status
-from jaxshroud.plotting.page import Page, Panel
-from jaxshroud.plotting.plot_branch import LINE_STYLES, MARKER_SIZE, MARKERS, retraced, stability_runs
-from jaxshroud.plotting.plot_directions import DIRECTION_STYLES
-from jaxshroud.plotting.scales import (
+from jaxshroud.plotting.page import (
     DISPLACEMENT_SYMBOLS,
     AmplitudeUnit,
+    Page,
+    Panel,
     ParameterAxis,
     amplitude_unit,
     parameter_axis,
     title_of,
 )
+from jaxshroud.plotting.plot_branch import LINE_STYLES, MARKER_SIZE, MARKERS, retraced, stability_runs
+from jaxshroud.plotting.plot_directions import DIRECTION_STYLES
+from jaxshroud.plotting.run_data import points_of_member
 from jaxshroud.plotting.style import (
     BLUE,
     COLUMN_WIDTH,
@@ -34,29 +35,29 @@ from jaxshroud.plotting.style import (
     RED,
     SKY,
     AnyFigure,
+    Appearance,
     BoolArray,
-    Look,
     PlotArray,
     Properties,
     legend_below,
 )
 from jaxshroud.scene.checks import InputError
 
-FREE_LOOK: Properties = {"color": GREY, "lw": 0.8, "ls": (0, (1.2, 1.2))}
+FREE_STYLE: Properties = {"color": GREY, "lw": 0.8, "ls": (0, (1.2, 1.2))}
 MEMBER_COLOURS = (BLUE, ORANGE, GREEN, PINK, RED, SKY)
-BROKEN_LOOK: Properties = {"color": RED, "lw": 0.9}  # of waves whose shift is broken
-LOCALISATION_LOOK: Properties = {
+BROKEN_STYLE: Properties = {"color": RED, "lw": 0.9}  # of waves whose shift is broken
+LOCALISATION_STYLE: Properties = {
     **{"marker": MARKERS["localisation"][0], "mfc": MARKERS["localisation"][1], "ls": ""},
     **{"ms": MARKER_SIZE, "mec": INK, "mew": 0.5},
 }
 MAX_IN_LEGEND = 8  # members of a family
 
 
-def _unit_in(ds: xr.Dataset, of: str, largest: float, look: Look) -> AmplitudeUnit:
+def _unit_in(ds: xr.Dataset, of: str, largest: float, appearance: Appearance) -> AmplitudeUnit:
     """The unit of the amplitude that counts in a dataset."""
     if layout_in(ds).counted == 1:
-        return amplitude_unit(of, largest, look)
-    unit = amplitude_unit(of, largest, look, blade=None)
+        return amplitude_unit(of, largest, appearance)
+    unit = amplitude_unit(of, largest, appearance, blade=None)
     return unit._replace(label=f"largest {unit.label}")
 
 
@@ -71,10 +72,10 @@ class AmplitudeContent(NamedTuple):
 
     ds: xr.Dataset
     axis: ParameterAxis
-    look: Look
+    appearance: Appearance
 
 
-def amplitude_page(ds: xr.Dataset, look: Look) -> Page[AmplitudeContent]:
+def amplitude_page(ds: xr.Dataset, appearance: Appearance) -> Page[AmplitudeContent]:
     """The amplitudes of x, y and theta over the number of a sweep, with the free ones dashed.
 
     They are those of the left blade, of a row those of the blade that swings most.
@@ -90,20 +91,20 @@ def amplitude_page(ds: xr.Dataset, look: Look) -> Page[AmplitudeContent]:
     ds = ds.sortby(dim)
     names = [name for name in DISPLACEMENT_SYMBOLS if float(np.nanmax(ds[f"{name}_peak"].to_numpy(), initial=0.0)) > 0]
     panels = [Panel(name, lambda panel, shown, name=name: _draw_amplitude(panel, shown, name)) for name in names or "x"]
-    content = AmplitudeContent(ds, parameter_axis(ds[dim], look), look)
+    content = AmplitudeContent(ds, parameter_axis(ds[dim], appearance), appearance)
     size = COLUMN_WIDTH, 0.7 + 1.6 * len(panels)
     return Page(content, panels, title_of(ds), size, shared="x", finish=_finish_amplitudes)
 
 
 def _draw_amplitude(panel: Axes, shown: AmplitudeContent, name: str) -> None:
-    ds, axis, look = shown
+    ds, axis, appearance = shown
     counted = _levels_of(ds, f"{name}_peak")
     levels = counted.to_numpy()
-    unit = _unit_in(ds, f"{name}_peak", float(np.nanmax(levels, initial=0.0)), look)
+    unit = _unit_in(ds, f"{name}_peak", float(np.nanmax(levels, initial=0.0)), appearance)
     _draw_directions(panel, counted.to_dataset(name="level").assign(status=ds["status"]), axis.values, unit)
     free = _levels_of(ds, f"{name}_free")
     free = free.isel(direction=0) if "direction" in free.dims else free
-    panel.plot(axis.values, free.to_numpy() * unit.factor, **FREE_LOOK)
+    panel.plot(axis.values, free.to_numpy() * unit.factor, **FREE_STYLE)
     panel.set(xlabel=axis.label, ylabel=unit.label)
     panel.set_ylim(*_amplitude_limits(levels * unit.factor, free.to_numpy() * unit.factor))
 
@@ -131,7 +132,7 @@ def _finish_amplitudes(figure: AnyFigure, axes: Mapping[str, Axes], shown: Ampli
     panels = [*axes.values()]
     panels[-1].set(xlim=shown.axis.edges[[0, -1]])
     figure.align_ylabels(panels)
-    legend_below(figure, [*_direction_entries(shown.ds), Line2D([], [], label="without contact", **FREE_LOOK)])
+    legend_below(figure, [*_direction_entries(shown.ds), Line2D([], [], label="without contact", **FREE_STYLE)])
 
 
 def _direction_entries(ds: xr.Dataset) -> list[Artist]:
@@ -154,7 +155,7 @@ class ResponseContent(NamedTuple):
     labels: list[str]  # of members; empty where there is only one
 
 
-def response_page(ds: xr.Dataset, look: Look) -> Page[ResponseContent]:
+def response_page(ds: xr.Dataset, appearance: Appearance) -> Page[ResponseContent]:
     """An amplitude and P_d over the number of a response."""
     of = str(ds.attrs["of"])
     points = [points_of_member(ds, i) for i in range(ds.sizes["member"])]
@@ -162,23 +163,23 @@ def response_page(ds: xr.Dataset, look: Look) -> Page[ResponseContent]:
     labels = []
     if ds.attrs.get("over"):
         coordinate = next(a for a in ds.coords.values() if a.attrs.get("key") == ds.attrs["over"])
-        member_axis = parameter_axis(coordinate, look)
+        member_axis = parameter_axis(coordinate, appearance)
         labels = [f"{member_axis.label.partition(' [')[0].rpartition(' ')[2]} = {v:.4g}" for v in member_axis.values]
     content = ResponseContent(
         ds,
-        parameter_axis(ds[_dim_of(ds, of)], look),
+        parameter_axis(ds[_dim_of(ds, of)], appearance),
         [None if one is None else one.assign(retraced=("point", retraced(one)), broken=_broken(one)) for one in points],
         of,
-        _unit_in(ds, of, largest, look),
+        _unit_in(ds, of, largest, appearance),
         labels,
     )
     size = COLUMN_WIDTH, 4.6
     return Page(content, RESPONSE_PANELS, title_of(ds), size, shared="x", finish=_finish_response)
 
 
-def _broken_look(whole: Properties, several: bool) -> Properties:
-    """The look of a broken branch: in a family it has the colour of the whole one, and is thinner."""
-    return {**whole, "lw": 0.5} if several else BROKEN_LOOK
+def _broken_style(whole: Properties, several: bool) -> Properties:
+    """The appearance of a broken branch: in a family it has the colour of the whole one, and is thinner."""
+    return {**whole, "lw": 0.5} if several else BROKEN_STYLE
 
 
 def _broken(points: xr.Dataset) -> tuple[str, BoolArray]:
@@ -199,7 +200,7 @@ def _draw_response(panel: Axes, shown: ResponseContent) -> None:
         levels.append(counted.to_numpy().ravel())
         along_branch = None if points is None else _levels_of(points, shown.of).to_numpy() * factor
         _draw_member(panel, shown, i, counted, points, along_branch)
-        panel.plot(axis.values, free[i], zorder=1, **FREE_LOOK)
+        panel.plot(axis.values, free[i], zorder=1, **FREE_STYLE)
     scale = axis.values / ds[_dim_of(ds, shown.of)].to_numpy()
     ratio = float(np.nanmedian(scale)) if np.isfinite(scale).any() else 1.0
     places, tops = ds["peak_value"].to_numpy() * ratio, ds["peak_amplitude"].to_numpy() * factor
@@ -244,10 +245,10 @@ def _draw_member(
     whole: Properties = {"lw": 0.9, "color": MEMBER_COLOURS[i % len(MEMBER_COLOURS)] if several else INK}
     broken = points["broken"].to_numpy()
     for stable, part in stability_runs(points):
-        look = _broken_look(whole, several) if broken[part].all() else whole
-        panel.plot(at[part], y[part], LINE_STYLES[stable], zorder=3, **look)
+        appearance = _broken_style(whole, several) if broken[part].all() else whole
+        panel.plot(at[part], y[part], LINE_STYLES[stable], zorder=3, **appearance)
     marked = points["kind"].to_numpy() == BIFURCATION_KINDS.index("localisation")
-    panel.plot(at[marked], y[marked], zorder=5, **LOCALISATION_LOOK)
+    panel.plot(at[marked], y[marked], zorder=5, **LOCALISATION_STYLE)
 
 
 def _draw_response_power(panel: Axes, shown: ResponseContent) -> None:
@@ -265,7 +266,7 @@ def _finish_response(figure: AnyFigure, axes: Mapping[str, Axes], shown: Respons
     panels[-1].set(xlim=shown.axis.edges[[0, -1]])
     figure.align_ylabels(panels)
     in_view = "amplitude" in axes and np.any(_free_levels(shown) < axes["amplitude"].get_ylim()[1])
-    free = [Line2D([], [], label="without contact", **FREE_LOOK)] if in_view else []
+    free = [Line2D([], [], label="without contact", **FREE_STYLE)] if in_view else []
     legend_below(figure, [*_response_handles(shown), *free])
 
 
@@ -286,9 +287,9 @@ def _response_handles(shown: ResponseContent) -> list[Artist]:
     if not stable.all():
         handles += [Line2D([], [], ls="--", lw=0.9, color=color, label="unstable")]
     if any(p["broken"].any() for p in every):
-        handles += [Line2D([], [], label="broken branch", **_broken_look({"color": INK}, bool(shown.labels)))]
+        handles += [Line2D([], [], label="broken branch", **_broken_style({"color": INK}, bool(shown.labels)))]
     if any((p["kind"] == BIFURCATION_KINDS.index("localisation")).any() for p in every):
-        handles += [Line2D([], [], label="localisation", **LOCALISATION_LOOK)]
+        handles += [Line2D([], [], label="localisation", **LOCALISATION_STYLE)]
     if shown.ds.sizes.get("peak", 0):
         handles += [Line2D([], [], ls="", marker="^", ms=3.5, mfc="white", mec=INK, mew=0.6, label="peak")]
     return handles

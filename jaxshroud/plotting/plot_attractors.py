@@ -12,8 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from jaxshroud.plotting.page import Page, Panel
-from jaxshroud.plotting.scales import legend_above, parameter_axis, scale_of, title_of
+from jaxshroud.plotting.page import Page, Panel, legend_above, parameter_axis, scale_of, title_of
 from jaxshroud.plotting.style import (
     BLUE,
     COLOURS,
@@ -31,7 +30,7 @@ from jaxshroud.plotting.style import (
     SKY,
     STOPPED_STYLE,
     AnyFigure,
-    Look,
+    Appearance,
     Properties,
     legend_below,
 )
@@ -42,7 +41,9 @@ NARROWEST, WIDENING = 0.8, 0.7  # width of the line of the last orbit, and what 
 CHAOS_WIDTH = 0.4  # of the line of an aperiodic attractor, which crosses itself
 SMALLEST, GROWTH = 3.0, 1.8  # size of the mark of the last attractor, and what each earlier one is larger [pt]
 STROBE_STYLE: Properties = {"marker": "o", "ls": "", "mec": "white", "mew": 0.5, "ms": SMALLEST}
-MOTION_LOOKS = list(zip((BLUE, ORANGE, GREEN, PINK, RED, SKY), "osD^vP", strict=True))  # of the most frequent motions
+ATTRACTOR_STYLES = list(
+    zip((BLUE, ORANGE, GREEN, PINK, RED, SKY), "osD^vP", strict=True)
+)  # of the most frequent motions
 SHARE_LIMITS = -0.04, 1.04  # a mark at 0 or 1 is whole
 MOST_FREE = 2.0  # times the largest amplitude: larger ones without contact would hide the differences
 
@@ -100,7 +101,7 @@ def _nested(i: int, count: int, least: float, more: float) -> float:
     return least + more * (min(count, N_COLOURS) - 1 - min(i, N_COLOURS - 1))
 
 
-def attractors_page(attractors: AttractorsData, look: Look) -> Page[AttractorsData]:
+def attractors_page(attractors: AttractorsData, appearance: Appearance) -> Page[AttractorsData]:
     """The orbits of attractors, the shares of starts that lead to them, and their P_d; of a row the amplitudes."""
     nothing = "" if len(attractors.share) else "no attractor was found"
     title = title_of(attractors.data)
@@ -173,7 +174,7 @@ def _draw_motion_amplitudes(panel: Axes, attractors: AttractorsData) -> None:
     ds = attractors.data
     blades, peaks = ds["blade"].to_numpy(), PER_MICRO * ds["x_peak"].to_numpy()
     free = PER_MICRO * ds["x_free"].to_numpy()[0]
-    for i, (color, marker) in enumerate(MOTION_LOOKS[: len(peaks)]):
+    for i, (color, marker) in enumerate(ATTRACTOR_STYLES[: len(peaks)]):
         label = f"motion {i + 1}: $P_d$ = {float(ds['P_d'][i]):.4g} %"
         panel.plot(blades, peaks[i], marker, ls="-", lw=0.7, ms=4 - 0.4 * i, color=color, label=label)
     top, most = (float(np.nanmax(levels, initial=0.0)) for levels in (peaks, free))
@@ -193,7 +194,7 @@ ATTRACTOR_PANELS = (
 ROW_MOTION_PANELS = (Panel("amplitudes", _draw_motion_amplitudes),)
 
 
-def basins_page(basins: BasinsData, look: Look) -> Page[BasinsData]:
+def basins_page(basins: BasinsData, appearance: Appearance) -> Page[BasinsData]:
     """The attractor to which each start of a plane leads."""
     return Page(basins, BASIN_PANELS, title_of(basins.data), (COLUMN_WIDTH, 3.6), finish=_name_basins)
 

@@ -4,10 +4,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from jaxshroud.motion.waves import blade_spectrum
 from jaxshroud.plotting.page import Panel
 from jaxshroud.plotting.run_data import RunData
 from jaxshroud.plotting.style import BLUE, INK, PER_MICRO
+from jaxshroud.signals.waves import blade_spectrum
 
 SHOWN_PERIODS = 3.0  # in the map, at the end of the run
 HARMONICS = 4  # of the drive, from 1

@@ -10,9 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from jaxshroud.model.modes import BIFURCATION_KINDS, Status
-from jaxshroud.plotting.page import Page, Panel
-from jaxshroud.plotting.scales import (
+from jaxshroud.plotting.page import (
     LEAST_SPAN,
+    Page,
+    Panel,
     ParameterAxis,
     amplitude_unit,
     limit_zoom,
@@ -23,7 +24,7 @@ from jaxshroud.plotting.scales import (
 from jaxshroud.plotting.style import (
     BLUE,
     COLUMN_WIDTH,
-    DEFAULT_LOOK,
+    DEFAULT_APPEARANCE,
     GREEN,
     GREY,
     INK,
@@ -32,8 +33,8 @@ from jaxshroud.plotting.style import (
     RED,
     SKY,
     AnyFigure,
+    Appearance,
     BoolArray,
-    Look,
     PlotArray,
     Properties,
     legend_below,
@@ -89,8 +90,8 @@ MARKERS = {
 }
 MARKER_SIZE, SMALL_SIZE = 3.5, 2.2
 LINE_STYLES = {True: "-", False: "--"}
-LINE_LOOK: Properties = {"lw": 0.9, "color": BLUE}
-SWEEP_LOOK: Properties = {"ms": 2, "mew": 0, "color": GREY, "zorder": 1}
+LINE_STYLE: Properties = {"lw": 0.9, "color": BLUE}
+SWEEP_STYLE: Properties = {"ms": 2, "mew": 0, "color": GREY, "zorder": 1}
 
 
 class BranchData(NamedTuple):
@@ -101,12 +102,12 @@ class BranchData(NamedTuple):
     sweep: xr.Dataset | None  # along the same number, drawn behind the branches
 
 
-def branch_page(ds: xr.Dataset, look: Look, *, over: xr.Dataset | None = None) -> Page[BranchData]:
+def branch_page(ds: xr.Dataset, appearance: Appearance, *, over: xr.Dataset | None = None) -> Page[BranchData]:
     """Branches over the number along which they were followed.
 
     Args:
         ds: The branches.
-        look: The appearance asked for; displacements and the number keep their units.
+        appearance: The appearance asked for; displacements and the number keep their units.
         over: A sweep along the same number, which is drawn behind the branches.
 
     Raises:
@@ -158,7 +159,7 @@ def _draw_branch_lines(panel: Axes, ds: xr.Dataset, x: PlotArray, y: PlotArray) 
     """Draw the curves y (points, any) over x, each orbit once, and mark the special points."""
     y = np.where(ds["retraced"].to_numpy()[:, None], np.nan, y)
     for stable, part in stability_runs(ds):
-        panel.plot(x[part], y[part], LINE_STYLES[stable], **LINE_LOOK)
+        panel.plot(x[part], y[part], LINE_STYLES[stable], **LINE_STYLE)
     kind = ds["kind"].to_numpy()
     for name, (marker, color) in MARKERS.items():
         points = kind == BIFURCATION_KINDS.index(name)
@@ -211,7 +212,7 @@ def _draw_blades(panel: Axes, branches: BranchData) -> None:
     """The amplitude of each blade: one line where all are alike."""
     ds, (values, _, label), sweep = branches
     levels = ds["x_peak"].to_numpy()
-    unit = amplitude_unit("x_peak", float(levels.max()), DEFAULT_LOOK, blade=None)
+    unit = amplitude_unit("x_peak", float(levels.max()), DEFAULT_APPEARANCE, blade=None)
     if sweep is not None and "x_peak" in sweep:
         _draw_sweep(panel, sweep, unit.factor * sweep["x_peak"].transpose(..., "blade").to_numpy())
     _draw_branch_lines(panel, ds, values, unit.factor * levels)
@@ -221,7 +222,7 @@ def _draw_blades(panel: Axes, branches: BranchData) -> None:
 def _draw_sweep(panel: Axes, sweep: xr.Dataset, levels: np.ndarray) -> None:
     """The values (lanes, any) of a sweep whose lanes are OK."""
     ok = sweep["status"].to_numpy() == Status.OK
-    panel.plot(_sweep_values(sweep), np.where(ok[:, None], levels, np.nan), ".", **SWEEP_LOOK)
+    panel.plot(_sweep_values(sweep), np.where(ok[:, None], levels, np.nan), ".", **SWEEP_STYLE)
 
 
 def _draw_reductions(panel: Axes, branches: BranchData) -> None:
@@ -256,7 +257,7 @@ def _branch_handles(ds: xr.Dataset, sweep: xr.Dataset | None) -> Sequence[Artist
     visible = ~ds["retraced"].to_numpy()
     stable, kind = ds["stable"].to_numpy()[visible].astype(bool), ds["kind"].to_numpy()[visible]
     handles = [
-        Line2D([], [], ls=LINE_STYLES[s], label="stable" if s else "unstable", **LINE_LOOK)
+        Line2D([], [], ls=LINE_STYLES[s], label="stable" if s else "unstable", **LINE_STYLE)
         for s in (True, False)
         if s in stable
     ]

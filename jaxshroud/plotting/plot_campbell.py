@@ -17,7 +17,7 @@ from jaxshroud.plotting.style import (
     INK,
     ORANGE,
     AnyFigure,
-    Look,
+    Appearance,
     Properties,
     fitting_title,
     legend_below,
@@ -48,12 +48,12 @@ class CampbellData(NamedTuple):
     top: float  # end of the axis of frequencies [Hz]
 
 
-def campbell_page(ds: xr.Dataset, look: Look) -> Page[CampbellData]:
+def campbell_page(ds: xr.Dataset, appearance: Appearance) -> Page[CampbellData]:
     """Natural frequencies of blades apart and stuck, the lines of engine orders, and their crossings.
 
     Args:
         ds: A `Campbell` result.
-        look: The appearance asked for.
+        appearance: The appearance asked for.
     """
     touching = [name for name in FACES if name in ds["contact"].to_numpy()]
     content = CampbellData(ds, {"apart": APART, **{name: IN_CONTACT for name in touching[:1]}}, _top(ds))

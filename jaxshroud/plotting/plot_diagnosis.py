@@ -9,12 +9,10 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from jaxshroud.motion.effects import exponent_text, with_interval
-from jaxshroud.plotting.page import Page, Panel, Summary
+from jaxshroud.plotting.page import LEAST_SPAN, Page, Panel, Summary, axis_limits, interval_ends, is_visible, title_of
 from jaxshroud.plotting.plot_blades import BLADE_PANELS
 from jaxshroud.plotting.plot_run import CONTACT_PANELS, MOTION_PANELS, contact_handles
 from jaxshroud.plotting.run_data import RunData, contact_data, run_data
-from jaxshroud.plotting.scales import LEAST_SPAN, axis_limits, interval_ends, is_visible, title_of
 from jaxshroud.plotting.style import (
     AVERAGED_PERIODS,
     BLUE,
@@ -26,7 +24,7 @@ from jaxshroud.plotting.style import (
     SKY,
     TIGHT_LEGEND,
     AnyFigure,
-    Look,
+    Appearance,
     PlotArray,
     Properties,
     fitting_title,
@@ -35,14 +33,15 @@ from jaxshroud.plotting.style import (
     wrapped,
 )
 from jaxshroud.scene.checks import InputError
+from jaxshroud.signals.effects import exponent_text, with_interval
 
 
-def power_page(data: Summary, look: Look) -> Page[Summary]:
+def power_page(data: Summary, appearance: Appearance) -> Page[Summary]:
     """P_d over the number of averaged periods (Fig. 15).
 
     Args:
         data: `n`, `P_d` and `P_d_ci` (lists, with None for missing numbers), `final` and `title`.
-        look: The appearance asked for.
+        appearance: The appearance asked for.
     """
     title = fitting_title(str(data.get("title", "")), [AVERAGED_PERIODS], ["P_d"])
     nothing = "" if np.isfinite(_curve(data)[1]).any() else "no period was finished"
@@ -142,12 +141,12 @@ class DiagnosisData(NamedTuple):
     run: RunData | None
 
 
-def diagnosis_page(diagnosis: DiagnosisResult, look: Look) -> Page[DiagnosisData]:
+def diagnosis_page(diagnosis: DiagnosisResult, appearance: Appearance) -> Page[DiagnosisData]:
     """Motion, contact, P_d, energy, stability and a summary, without the panels that the model has no data for."""
     content = DiagnosisData(diagnosis, run_data(diagnosis.data, 0.0))
     known = ROW_DIAGNOSIS_PANELS if "interface" in diagnosis.data.dims else DIAGNOSIS_PANELS
     panels = [panel for panel in known if _is_shown(panel.name, content)]
-    if look.inches(DIAGNOSIS_WIDTH) < LEAST_PAGE:
+    if appearance.inches(DIAGNOSIS_WIDTH) < LEAST_PAGE:
         columns, panels = 2, [panel._replace(columns=NARROW_COLUMNS_OF.get(panel.name, 1)) for panel in panels]
     else:
         columns = 3

@@ -11,9 +11,27 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from jaxshroud.model.modes import Status
-from jaxshroud.plotting.page import Page, Panel
-from jaxshroud.plotting.scales import ParameterAxis, first_blade, gap_of_lanes, parameter_axis, scale_of, title_of
-from jaxshroud.plotting.style import BLUE, COLUMN_WIDTH, GREY, INK, ORANGE, AnyFigure, Look, Properties, legend_below
+from jaxshroud.plotting.page import (
+    Page,
+    Panel,
+    ParameterAxis,
+    first_blade,
+    gap_of_lanes,
+    parameter_axis,
+    scale_of,
+    title_of,
+)
+from jaxshroud.plotting.style import (
+    BLUE,
+    COLUMN_WIDTH,
+    GREY,
+    INK,
+    ORANGE,
+    AnyFigure,
+    Appearance,
+    Properties,
+    legend_below,
+)
 
 DIRECTION_STYLES = {  # direction -> label, colour, marker, size
     "independent": ("from rest", GREY, "o", 3.2),
@@ -32,15 +50,15 @@ class Directions(NamedTuple):
     unit: str | None  # of displacements
 
 
-def directions_page(ds: xr.Dataset, look: Look) -> Page[Directions]:
+def directions_page(ds: xr.Dataset, appearance: Appearance) -> Page[Directions]:
     """Stroboscopic x_1 and P_d over the number, in all directions.
 
     Args:
         ds: A sweep along one axis with a dimension `direction`.
-        look: The appearance asked for.
+        appearance: The appearance asked for.
     """
     ds = ds.sortby(str(ds.attrs["axes"]))
-    content = Directions(ds, parameter_axis(ds[str(ds.attrs["axes"])], look), look.unit)
+    content = Directions(ds, parameter_axis(ds[str(ds.attrs["axes"])], appearance), appearance.unit)
     sampled = "x" in ds
     title, height = title_of(ds, ("x_1", "P_d") if sampled else ("P_d",)), 4.2 if sampled else 2.4
     panels = DIRECTION_PANELS[not sampled :]
@@ -103,8 +121,8 @@ def _direction_handles(ds: xr.Dataset) -> list[Artist]:
         Line2D([], [], ls="", marker=marker, ms=size + 1.5, mew=0, color=color, label=label)
         for label, color, marker, size in DIRECTION_STYLES.values()
     ]
-    for look in (REDUCTIONS[name] for name in _reductions_in(ds)[:-1]):
-        handles.append(Line2D([], [], ls="", marker="o", ms=3.7, color=INK, label="worst blade", **look))
+    for appearance in (REDUCTIONS[name] for name in _reductions_in(ds)[:-1]):
+        handles.append(Line2D([], [], ls="", marker="o", ms=3.7, color=INK, label="worst blade", **appearance))
     if "jump" not in ds:
         return handles
     if ds["jump"].to_numpy().any():

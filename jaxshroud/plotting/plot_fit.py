@@ -18,7 +18,7 @@ from jaxshroud.plotting.style import (
     LENGTHS,
     ORANGE,
     AnyFigure,
-    Look,
+    Appearance,
     Properties,
     fitting_title,
     legend_below,
@@ -35,15 +35,15 @@ NUMBER_HEIGHT = 1.25  # of the panels of a number [inch]
 MOST_RISE = 3.0  # of a profile, over that at the ends of intervals
 
 
-def fit_page(ds: xr.Dataset, look: Look) -> Page[xr.Dataset]:
+def fit_page(ds: xr.Dataset, appearance: Appearance) -> Page[xr.Dataset]:
     """A panel for each measured quantity and the residuals over the noise; below, valleys and profile of each number.
 
     Args:
         ds: A fit.
-        look: The appearance asked for.
+        appearance: The appearance asked for.
     """
     quantities = dict.fromkeys(str(name).partition("_")[0] for name in ds["channel"].to_numpy())
-    panels = [Panel(name, partial(_draw_quantity, name=name, look=look)) for name in quantities]
+    panels = [Panel(name, partial(_draw_quantity, name=name, appearance=appearance)) for name in quantities]
     title = fitting_title(str(ds.attrs.get("title", "")), [str(key) for key in ds["key"].to_numpy()])
     panels.append(Panel("residuals", _draw_residuals, 0.6))
     below = _numbers_page(ds)
@@ -101,12 +101,12 @@ def _place_axis(ds: xr.Dataset) -> tuple[str, float]:
     return ("time [ms]", MILLISECONDS) if ds.attrs["data_kind"] == "history" else (r"$\omega$ [rad/s]", 1.0)
 
 
-def _unit(ds: xr.Dataset, name: str, look: Look) -> tuple[str, float]:
+def _unit(ds: xr.Dataset, name: str, appearance: Appearance) -> tuple[str, float]:
     """The unit in which a quantity is drawn, and its factor from SI units."""
     if name == "theta":
         return "°", 180 / np.pi
     largest = max(float(np.abs(ds["measured"].to_numpy()[:, i]).max()) for i in _columns(ds, name))
-    return LENGTHS[look.unit] if look.unit in LENGTHS else LENGTHS["mm" if largest > 1e-4 else "um"]
+    return LENGTHS[appearance.unit] if appearance.unit in LENGTHS else LENGTHS["mm" if largest > 1e-4 else "um"]
 
 
 def _columns(ds: xr.Dataset, name: str) -> list[int]:
@@ -119,9 +119,9 @@ def _words(channel: str) -> tuple[str, str]:
     return "_".join(parts[1:-1]), parts[-1]
 
 
-def _draw_quantity(panel: Axes, ds: xr.Dataset, name: str, look: Look) -> None:
+def _draw_quantity(panel: Axes, ds: xr.Dataset, name: str, appearance: Appearance) -> None:
     """The measured values of one quantity, and the fit."""
-    (label, factor), (unit, scale) = _place_axis(ds), _unit(ds, name, look)
+    (label, factor), (unit, scale) = _place_axis(ds), _unit(ds, name, appearance)
     measures = []
     for i in _columns(ds, name):
         measure, side = _words(str(ds["channel"].to_numpy()[i]))

@@ -8,10 +8,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from jaxshroud.motion.amplification import whitehead_factor
-from jaxshroud.plotting.page import Page, Panel
-from jaxshroud.plotting.scales import (
+from jaxshroud.plotting.page import (
     AmplitudeUnit,
+    Page,
+    Panel,
     ParameterAxis,
     amplitude_unit,
     legend_above,
@@ -27,14 +27,15 @@ from jaxshroud.plotting.style import (
     PALE,
     RED,
     AnyFigure,
-    Look,
+    Appearance,
     PlotArray,
     Properties,
 )
+from jaxshroud.signals.waves import whitehead_factor
 
 PERCENT = 100.0
 SPREAD = 0.28  # half width of the patterns of one sigma, in distances of the groups
-BOUND_LOOK: Properties = {"color": INK, "lw": 0.8, "ls": (0, (4, 2))}
+BOUND_STYLE: Properties = {"color": INK, "lw": 0.8, "ls": (0, (4, 2))}
 DESIGN_MARKERS = "osD^v"
 MANY_PATTERNS = 60  # beyond which their points are small
 LEAST_SHARE = 0.2  # of the height up to Whitehead's factor that patterns take if its line is drawn
@@ -50,12 +51,12 @@ class MistunedContent(NamedTuple):
     worst: tuple[int, int, int]  # design, sigma and pattern of the largest amplification drawn
 
 
-def mistuned_page(ds: xr.Dataset, look: Look) -> Page[MistunedContent]:
+def mistuned_page(ds: xr.Dataset, appearance: Appearance) -> Page[MistunedContent]:
     """The amplification, the amplitudes and the worst pattern of a mistuned row.
 
     Args:
         ds: A `Mistuned`.
-        look: The appearance asked for.
+        appearance: The appearance asked for.
     """
     title, size = title_of(ds), (COLUMN_WIDTH, 5.4)
     level = np.nan_to_num(ds["amplification"].to_numpy(), nan=-np.inf)
@@ -63,8 +64,8 @@ def mistuned_page(ds: xr.Dataset, look: Look) -> Page[MistunedContent]:
         return Page(None, MISTUNED_PANELS, title, size, nothing="of every pattern a lane stopped")
     worst = tuple(int(i) for i in np.unravel_index(level.argmax(), level.shape))
     largest = float(np.nanmax(ds["amplitude"].to_numpy()))
-    unit = amplitude_unit(str(ds.attrs["of"]), largest, look, blade=None)
-    content = MistunedContent(ds, parameter_axis(ds["value"], look), unit, worst)  # pyright: ignore[reportArgumentType]
+    unit = amplitude_unit(str(ds.attrs["of"]), largest, appearance, blade=None)
+    content = MistunedContent(ds, parameter_axis(ds["value"], appearance), unit, worst)  # pyright: ignore[reportArgumentType]
     return Page(content, MISTUNED_PANELS, title, size, finish=_align_mistuned)
 
 
@@ -103,9 +104,15 @@ def _draw_bound(panel: Axes, bound: float, highest: float, low: float) -> float:
     if is_far:
         words, top = f"{words},\nbeyond this axis", low + ROOM_FOR_WORDS * max(highest - low, 1e-3)
     else:
-        panel.axhline(bound, **BOUND_LOOK)
-    look: Properties = {"xytext": (-3, -2), "textcoords": "offset points", "ha": "right", "va": "top", "fontsize": 6.5}
-    panel.annotate(words, (1, top), xycoords=("axes fraction", "data"), **look)
+        panel.axhline(bound, **BOUND_STYLE)
+    appearance: Properties = {
+        "xytext": (-3, -2),
+        "textcoords": "offset points",
+        "ha": "right",
+        "va": "top",
+        "fontsize": 6.5,
+    }
+    panel.annotate(words, (1, top), xycoords=("axes fraction", "data"), **appearance)
     return top
 
 
@@ -135,8 +142,8 @@ def _draw_mistuned_amplitudes(panel: Axes, shown: MistunedContent) -> None:
     ]
     if "searched_amplitude" in ds:
         curves.append(("worst by gradient", ds["searched_amplitude"], {"color": RED, "lw": 0.9, "ls": (0, (3, 1))}))
-    for label, amplitude, look in curves:
-        panel.plot(axis.values, unit.factor * _over_directions(amplitude), label=label, **look)
+    for label, amplitude, appearance in curves:
+        panel.plot(axis.values, unit.factor * _over_directions(amplitude), label=label, **appearance)
     panel.set(xlabel=axis.label, ylabel=unit.label, xlim=axis.values[[0, -1]])
     panel.set_ylim(bottom=0)
     legend_above(panel)

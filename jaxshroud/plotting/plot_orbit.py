@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from jaxshroud.plotting.page import Page, Panel
-from jaxshroud.plotting.style import BLUE, GREY, INK, ORANGE, PAGE_WIDTH, TIGHT_LEGEND, Look, fitting_title
+from jaxshroud.plotting.style import BLUE, GREY, INK, ORANGE, PAGE_WIDTH, TIGHT_LEGEND, Appearance, fitting_title
 from jaxshroud.scene.typed import FloatArray
 
 NEUTRAL = 1e-9  # distance from 1 at which a multiplier is a free slider's own
@@ -25,12 +25,12 @@ class MultiplierData(NamedTuple):
     of_wave: np.ndarray | None  # of the reduced map of a travelling wave
 
 
-def orbit_page(ds: xr.Dataset, look: Look) -> Page[MultiplierData]:
+def orbit_page(ds: xr.Dataset, appearance: Appearance) -> Page[MultiplierData]:
     """The multipliers of an orbit of a single scene.
 
     Args:
         ds: An `Orbit` of one scene.
-        look: The appearance asked for.
+        appearance: The appearance asked for.
     """
     title, size = fitting_title(str(ds.attrs.get("title", ""))), (PAGE_WIDTH, 3.0)
     if "status" not in ds.attrs:
@@ -92,12 +92,12 @@ class ExponentData(NamedTuple):
         return np.flatnonzero(np.isfinite(self.exponents))
 
 
-def lyapunov_page(ds: xr.Dataset, look: Look) -> Page[ExponentData]:
+def lyapunov_page(ds: xr.Dataset, appearance: Appearance) -> Page[ExponentData]:
     """The Lyapunov exponents of a single scene.
 
     Args:
         ds: A `Lyapunov` of one scene.
-        look: The appearance asked for.
+        appearance: The appearance asked for.
     """
     title, size = fitting_title(str(ds.attrs.get("title", ""))), (PAGE_WIDTH, 2.8)
     if "status" not in ds.attrs:

@@ -11,11 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
 from jaxshroud.model.modes import FLAT, Mode
-from jaxshroud.motion.spectrum import amplitude_spectrum, label_lines, whole_periods
-from jaxshroud.plotting.page import Page, Panel
+from jaxshroud.plotting.page import Page, Panel, axis_limits, scale_of, title_of
 from jaxshroud.plotting.plot_blades import BLADE_PANELS
 from jaxshroud.plotting.run_data import ContactData, RunData, contact_data, mean_gap, run_data
-from jaxshroud.plotting.scales import axis_limits, scale_of, title_of
 from jaxshroud.plotting.style import (
     BLUE,
     COLUMN_WIDTH,
@@ -29,13 +27,14 @@ from jaxshroud.plotting.style import (
     SKY,
     TIGHT_LEGEND,
     AnyFigure,
+    Appearance,
     IntegerArray,
-    Look,
     PlotArray,
     Properties,
     legend_below,
 )
 from jaxshroud.scene.checks import InputError, word_argument
+from jaxshroud.signals.spectrum import amplitude_spectrum, label_lines, whole_periods
 
 MODE_STYLES: Mapping[int, tuple[str, str]] = {
     Mode.STICK: ("stick", SKY),
@@ -175,12 +174,14 @@ def _scene_number(run: RunData, table: str, name: str) -> float | None:
     return float(value) if isinstance(value, int | float) else None
 
 
-def run_page(ds: xr.Dataset, look: Look, *, kind: str | None = None, settled_from: float = 0.5) -> Page[RunData]:
+def run_page(
+    ds: xr.Dataset, appearance: Appearance, *, kind: str | None = None, settled_from: float = 0.5
+) -> Page[RunData]:
     """Time history, phase portrait, Poincare points and spectrum of x_1 (Figs. 10, 12 and 14), or panels of contact.
 
     Args:
         ds: A stored run. The samples from the first that is not finite are left out.
-        look: The appearance asked for.
+        appearance: The appearance asked for.
         kind: One of `RUN_PAGES`: "motion", "forces" or "all" for a page of panels, or the name of a panel; of a row one
             of `ROW_PAGES`. By default "motion", where a panel that cannot be drawn shows the reason.
         settled_from: The share of the run that all panels but the time history leave out as its transient.
@@ -197,7 +198,7 @@ def run_page(ds: xr.Dataset, look: Look, *, kind: str | None = None, settled_fro
     if kind is None:
         panels = [panel._replace(draw=_or_reason(panel.draw)) for panel in panels]
     rows = (sum(panel.columns for panel in panels) + 1) // 2
-    run = run_data(ds, settled_from, scale_of(mean_gap(ds), look.unit))
+    run = run_data(ds, settled_from, scale_of(mean_gap(ds), appearance.unit))
     return Page(
         run,
         panels,

@@ -9,7 +9,6 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 
 from jaxshroud.io.scene_numbers import key_label, layout_in
-from jaxshroud.motion.effects import Effect, effects
 from jaxshroud.plotting.page import Page, Panel, Summary
 from jaxshroud.plotting.style import (
     BLUE,
@@ -18,7 +17,7 @@ from jaxshroud.plotting.style import (
     INK,
     ORANGE,
     AnyFigure,
-    Look,
+    Appearance,
     PlotArray,
     Properties,
     fitting_title,
@@ -26,6 +25,7 @@ from jaxshroud.plotting.style import (
 )
 from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.quantities import quantity_symbol, unit_of
+from jaxshroud.signals.effects import Effect, effects
 
 MOST_BARS = 24
 LONG_LABEL = 40  # letters of a label of numbers, symbols as formulas: beside it the axis below has less room
@@ -48,12 +48,12 @@ class Bars(NamedTuple):
         return [f"{short_label(e.key, self.blades)}{change}" for e, change in zip(self.effects, per, strict=True)]
 
 
-def gradient_page(data: Summary, look: Look) -> Page[Bars]:
+def gradient_page(data: Summary, appearance: Appearance) -> Page[Bars]:
     """The effect of 1 % more of each number (1 degree for angles), the largest on top.
 
     Args:
         data: `of`, `title`, and `value`, `ci` and `number` by their keys, as `gradient.json` holds them; `blades`.
-        look: The appearance asked for.
+        appearance: The appearance asked for.
     """
     changes = [e for e in effects(data["value"], data["ci"], data["number"]) if np.isfinite(e.change)]
     changes = [e for e in changes if e.change] or changes
@@ -90,14 +90,14 @@ def short_label(key: str, names: Sequence[str]) -> str:
 BEYOND_SHARE = {"<": "goes below 0", ">": "goes above 1"}  # mark -> its meaning
 
 
-def scatter_page(ds: xr.Dataset, look: Look) -> Page[xr.Dataset]:
+def scatter_page(ds: xr.Dataset, appearance: Appearance) -> Page[xr.Dataset]:
     """The share of draws below each P_d, and the share of each number in the variance, alone and in all.
 
     The intervals of the shares are estimates that may extend beyond 0 or 1; they are cut off there with a mark.
 
     Args:
         ds: A scatter.
-        look: The appearance asked for.
+        appearance: The appearance asked for.
     """
     keys = [str(key) for key in ds["key"].to_numpy()]
     title, height = fitting_title(str(ds.attrs.get("title", "")), keys), 0.3 * len(keys)

@@ -12,10 +12,10 @@ from matplotlib.patches import Patch, Rectangle
 
 from jaxshroud.io.lane_status import status_name
 from jaxshroud.model.modes import Status
-from jaxshroud.plotting.page import Page, Panel
-from jaxshroud.plotting.plot_directions import directions_page
-from jaxshroud.plotting.scales import (
+from jaxshroud.plotting.page import (
     LEAST_SPAN,
+    Page,
+    Panel,
     ParameterAxis,
     first_blade,
     gap_of_lanes,
@@ -27,6 +27,7 @@ from jaxshroud.plotting.scales import (
     scale_of,
     title_of,
 )
+from jaxshroud.plotting.plot_directions import directions_page
 from jaxshroud.plotting.style import (
     BLUE,
     COLUMN_WIDTH,
@@ -41,9 +42,9 @@ from jaxshroud.plotting.style import (
     SKY,
     STOPPED_STYLE,
     AnyFigure,
+    Appearance,
     BoolArray,
     IntegerArray,
-    Look,
     PlotArray,
     Properties,
     legend_below,
@@ -83,7 +84,7 @@ class Map(NamedTuple):
     motion: IntegerArray  # as for `Curve`
 
 
-def sweep_page(ds: xr.Dataset, look: Look) -> Page[Any]:
+def sweep_page(ds: xr.Dataset, appearance: Appearance) -> Page[Any]:
     """The page of a sweep along one axis or two.
 
     Raises:
@@ -91,21 +92,21 @@ def sweep_page(ds: xr.Dataset, look: Look) -> Page[Any]:
     """
     dims = [dim.strip() for dim in str(ds.attrs["axes"]).split(",")]
     if len(dims) == 1 and "direction" in ds.dims:
-        return directions_page(ds, look)
+        return directions_page(ds, appearance)
     ds = ds.isel(direction=0) if "direction" in ds.dims else ds
     if len(dims) > 2:
         raise InputError(f"A sweep along {', '.join(dims)} has no picture; select some of its lanes, or draw them.")
     ds = ds.sortby(dims).transpose(*dims, "period", "blade", ...)
-    return curve_page(ds, dims[0], look) if len(dims) == 1 else map_page(ds, dims, look)
+    return curve_page(ds, dims[0], appearance) if len(dims) == 1 else map_page(ds, dims, appearance)
 
 
-def curve_page(ds: xr.Dataset, dim: str, look: Look) -> Page[Curve]:
+def curve_page(ds: xr.Dataset, dim: str, appearance: Appearance) -> Page[Curve]:
     """Stroboscopic x_1, period number and P_d over the one key of a sweep (Figs. 9, 11, 13 and 16 to 18).
 
     x_1, if its samples were kept, is drawn relative to the gap, or in mm where gaps differ or one is not positive.
     Lanes whose status is not OK are marked and never drawn as numbers.
     """
-    content = Curve(ds, parameter_axis(ds[dim], look), colour_indices(ds), look.unit)
+    content = Curve(ds, parameter_axis(ds[dim], appearance), colour_indices(ds), appearance.unit)
     sampled, grows = "x" in ds, "lyapunov" in ds
     panels = CURVE_PANELS[not sampled : len(CURVE_PANELS) - (not grows)]
     title = title_of(ds, ("x_1", "P_d") if sampled else ("P_d",))
@@ -126,7 +127,7 @@ def _finish_curve(figure: AnyFigure, axes: Mapping[str, Axes], curve: Curve) -> 
     legend_below(figure, _motion_handles(curve.motion))
 
 
-def map_page(ds: xr.Dataset, dims: list[str], look: Look) -> Page[Map]:
+def map_page(ds: xr.Dataset, dims: list[str], appearance: Appearance) -> Page[Map]:
     """P_d and the period number over the two keys of a sweep, of which the first is horizontal.
 
     Lanes whose status is not OK are hatched. The lowest twentieth of the P_d values share a colour, so that a few
@@ -134,7 +135,7 @@ def map_page(ds: xr.Dataset, dims: list[str], look: Look) -> Page[Map]:
     """
     across, up = dims
     ds = ds.transpose(up, across, ...)
-    content = Map(ds, parameter_axis(ds[across], look), parameter_axis(ds[up], look), colour_indices(ds))
+    content = Map(ds, parameter_axis(ds[across], appearance), parameter_axis(ds[up], appearance), colour_indices(ds))
     panels = MAP_PANELS[: 3 if "lyapunov" in ds else 2]
     size = COLUMN_WIDTH, 7.6 if len(panels) == 3 else 5.2
     nothing = "" if (content.motion >= 0).any() else _no_lane_message(ds)

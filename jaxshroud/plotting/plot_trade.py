@@ -12,7 +12,7 @@ from jaxshroud.plotting.style import (
     COLUMN_WIDTH,
     INK,
     AnyFigure,
-    Look,
+    Appearance,
     Properties,
     fitting_title,
     legend_below,
@@ -28,12 +28,12 @@ ERRORS = {
 VARIANTS = {"float32": ("s", ":"), "smooth": ("^", "--"), "bisection": ("D", "-."), "not located": ("X", "-.")}
 
 
-def trade_page(data: Summary, look: Look) -> Page[Summary]:
+def trade_page(data: Summary, appearance: Appearance) -> Page[Summary]:
     """The errors against the cost of all settings, with the Pareto front of the state's error marked.
 
     Args:
         data: The measured settings as `trade.json` holds them.
-        look: The appearance asked for.
+        appearance: The appearance asked for.
     """
     panels = [Panel(name, partial(_draw_error, name=name), 0.7 if name == "period" else 1.0) for name in ERRORS]
     title = fitting_title(str(data["title"]))
@@ -65,7 +65,7 @@ def _draw_error(panel: Axes, data: Summary, name: str) -> None:
 
 
 def _styles(kinds: Iterable[str]) -> dict[str, Properties]:
-    """The look of each kind of setting: a colour for each method, a mark and dashes for each variant."""
+    """The appearance of each kind of setting: a colour for each method, a mark and dashes for each variant."""
     styles: dict[str, Properties] = {}
     methods: dict[str, str] = {}
     for kind in dict.fromkeys(kinds):

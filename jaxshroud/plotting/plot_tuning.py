@@ -13,7 +13,6 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from jaxshroud.io.scene_numbers import key_label
-from jaxshroud.motion.effects import between
 from jaxshroud.plotting.page import Page, Panel, Summary
 from jaxshroud.plotting.style import (
     BLUE,
@@ -24,7 +23,7 @@ from jaxshroud.plotting.style import (
     PINK,
     SKY,
     AnyFigure,
-    Look,
+    Appearance,
     PlotArray,
     Properties,
     fitting_title,
@@ -33,6 +32,7 @@ from jaxshroud.plotting.style import (
 )
 from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.quantities import is_reduction, quantity_symbol
+from jaxshroud.signals.effects import between
 
 SHARE_LABEL = "share of draws below"
 ACROSS, ROBUST_HEIGHT = 2, 1.5  # panels in a row, and the height of a row [inch]
@@ -41,12 +41,12 @@ INTERVAL_MARGIN = 0.35  # share of the interval's width that is shown on either 
 LOSSES_SHOWN = 3.0  # largest loss shown, relative to the permissible one
 
 
-def robustness_page(data: Summary, look: Look) -> Page[Summary]:
+def robustness_page(data: Summary, appearance: Appearance) -> Page[Summary]:
     """The loss of P_d over each number with its interval, and the scatter of P_d.
 
     Args:
         data: A tuning as `tune.json` holds it, with `robust`.
-        look: The appearance asked for.
+        appearance: The appearance asked for.
     """
     part = robustness_part(data["robust"])
     size = COLUMN_WIDTH, 0.3 + part.size[1]
@@ -146,7 +146,7 @@ class TuningData(NamedTuple):
     rounds: PlotArray  # designs of the rounds of samples, with their scores in the last column
 
 
-def tuning_page(data: Summary, look: Look) -> Page[TuningData]:
+def tuning_page(data: Summary, appearance: Appearance) -> Page[TuningData]:
     """The paths of a tuning on the map of its objective, or key by key if it has no map, and the scores of the paths.
 
     The best path continues as a dashed line through the rounds of samples around its end, to the tuned design. If the
@@ -154,7 +154,7 @@ def tuning_page(data: Summary, look: Look) -> Page[TuningData]:
 
     Args:
         data: A tuning as `tune.json` holds it.
-        look: The appearance asked for.
+        appearance: The appearance asked for.
     """
     symbol = quantity_symbol(str(data.get("of", "P_d")))
     title = ": ".join(filter(None, (fitting_title(str(data["title"]), data["over"]), f"{data['goal']} of {symbol}")))

@@ -1,20 +1,24 @@
-"""A stored run prepared for pictures: its finite part in the units of the picture, and its last periods."""
+"""A stored run, or the branches of a response, prepared for pictures: in the units of the picture, finite parts."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from jaxshroud.io.variable import with_events
 from jaxshroud.model.modes import Mode
-from jaxshroud.motion.spectrum import repeats_after
-from jaxshroud.plotting.scales import Scale, scale_of
+from jaxshroud.plotting.page import Scale, scale_of
 from jaxshroud.plotting.style import BoolArray, IntegerArray, PlotArray
 from jaxshroud.scene.checks import InputError
+from jaxshroud.signals.spectrum import repeats_after
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 CONTACT = ("N", "F", "v", "u", "contact_point", "mode", "case")
 FEWEST_SAMPLES = 20  # samples of a period in which contact can be seen
@@ -135,3 +139,38 @@ def _last_periods(t: PlotArray, periods: int) -> tuple[float, float]:
     end = np.floor(t[-1] + 1e-9)
     available = int(end - t[0] + 1e-9)
     return (end - min(periods, available), end) if available else (t[0], t[-1])
+
+
+BRANCH_PREFIX, MEMBER = "branch_", "member"
+BRANCH_ENDS = "branch_ends"  # the attribute with the ends of each member's branches
+BRANCH_KIND = "branch_kind"  # the attribute with the kind of the branches as results
+BETWEEN_MEMBERS = " | "
+
+
+def joined_points(branches: "Sequence[xr.Dataset | None]") -> "xr.Dataset":
+    """The points of the branches of all members that have any, under names of their own."""
+    import xarray as xr
+
+    points = [
+        data.assign({MEMBER: ("point", np.full(data.sizes["point"], i))})
+        for i, data in enumerate(branches)
+        if data is not None
+    ]
+    if not points:
+        return xr.Dataset()
+    turns = max(data.sizes["turn"] for data in points)
+    joined = xr.concat(
+        [data.pad(turn=(0, turns - data.sizes["turn"])) for data in points], "point", combine_attrs="drop"
+    )
+    return joined.rename({str(name): f"{BRANCH_PREFIX}{name}" for name in joined.data_vars})
+
+
+def points_of_member(data: "xr.Dataset", member: int) -> "xr.Dataset | None":
+    """The points of a member's branches as `Branch` holds them; None where it has none."""
+    ends = str(data.attrs[BRANCH_ENDS]).split(BETWEEN_MEMBERS)[member]
+    if not ends:
+        return None
+    names = {str(n): str(n).removeprefix(BRANCH_PREFIX) for n in data.data_vars if str(n).startswith(BRANCH_PREFIX)}
+    points = data[[*names]].rename(names)
+    own = points.isel(point=np.flatnonzero(points[MEMBER].to_numpy() == member)).drop_vars(MEMBER)
+    return own.assign_attrs(data.attrs, ends=ends, kind=data.attrs.get(BRANCH_KIND, "branch"))

@@ -210,8 +210,8 @@ BoolArray = NDArray[np.bool_]
 AnyFigure = Figure | SubFigure
 
 
-class LookOptions(TypedDict, total=False):
-    """The fields of `Look` as keyword arguments."""
+class AppearanceOptions(TypedDict, total=False):
+    """The fields of `Appearance` as keyword arguments."""
 
     title: str | None
     xlabel: str | None
@@ -220,7 +220,7 @@ class LookOptions(TypedDict, total=False):
     style: str | os.PathLike[str] | None
 
 
-class Look(NamedTuple):
+class Appearance(NamedTuple):
     """The appearance of a picture that a user asks for; None leaves a choice to the picture."""
 
     title: str | None = None  # "" for none
@@ -234,7 +234,7 @@ class Look(NamedTuple):
         return usual if self.width is None else self.width / INCH
 
 
-DEFAULT_LOOK = Look()
+DEFAULT_APPEARANCE = Appearance()
 
 
 class Picture(Figure):
@@ -244,9 +244,9 @@ class Picture(Figure):
         return figure_content(self, "png")
 
 
-def new_figure(title: str, width: float, height: float, look: Look = DEFAULT_LOOK) -> Figure:
-    """An empty figure of `width` by `height` [inch], or of the width that the look asks for."""
-    width, title = look.inches(width), typeset(title if look.title is None else as_is(look.title))
+def new_figure(title: str, width: float, height: float, appearance: Appearance = DEFAULT_APPEARANCE) -> Figure:
+    """An empty figure of `width` by `height` [inch], or of the width that the appearance asks for."""
+    width, title = appearance.inches(width), typeset(title if appearance.title is None else as_is(appearance.title))
     figure = Picture(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     if title:
@@ -281,7 +281,7 @@ def shade(figure: Figure, low: float, high: float) -> None:
 
 
 def quantity(
-    key: str, look: Look = DEFAULT_LOOK, unit: str = "SI", names: Sequence[str] = PAIR.names
+    key: str, appearance: Appearance = DEFAULT_APPEARANCE, unit: str = "SI", names: Sequence[str] = PAIR.names
 ) -> tuple[str, float]:
     """The axis label of a number of a scene, and its factor from SI units; an unknown key gets the given unit.
 
@@ -292,8 +292,8 @@ def quantity(
         return as_is(f"{key} [{unit}]" if unit else key), 1.0
     row = ALL_KEYS[stem]
     unit, factor = row.shown
-    if row.unit == "m" and look.unit in LENGTHS:
-        unit, factor = LENGTHS[look.unit]
+    if row.unit == "m" and appearance.unit in LENGTHS:
+        unit, factor = LENGTHS[appearance.unit]
     label = key_label(key, names)
     return f"{label} [{unit}]" if unit else label, float(factor)
 

@@ -8,15 +8,15 @@ import numpy as np
 from jaxshroud.io.lane_status import FLAGS
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, ComplexVariable, Entry, MotionVariable, Variable
-from jaxshroud.motion.effects import between, with_interval
 from jaxshroud.results.base import Result
 from jaxshroud.scene.keys import Motion
+from jaxshroud.signals.effects import between, with_interval
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from jaxshroud.motion.attractors import Attractor, FoundAttractors
-    from jaxshroud.motion.settled_runs import LaneEnds
+    from jaxshroud.orbits.attractors import Attractor, FoundAttractors
+    from jaxshroud.orbits.starts import LaneEnds
 
 ATTRACTOR_KINDS = ("periodic", "family", "aperiodic")
 UNDECIDED, STOPPED = -1, -2
@@ -215,7 +215,7 @@ def share_interval(count: np.ndarray, total: int) -> tuple[np.ndarray, np.ndarra
 
 def attractor_values(found: "FoundAttractors", paths: Sequence[np.ndarray]) -> dict[str, object]:
     """The values of all attractors, and the attractor on which each start ends."""
-    from jaxshroud.motion.attractors import nearest_distances
+    from jaxshroud.orbits.attractors import nearest_distances
 
     ends, starts = found.ended, found.label.size
     rows = [_attractor_row(one, ends, path) for one, path in zip(found.attractors, paths, strict=True)]

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from jaxshroud.model.prepared import State
-    from jaxshroud.motion.branch_continuation import ContinuedBranch
-    from jaxshroud.motion.travelling_wave import TravellingWave
-    from jaxshroud.plotting.style import LookOptions
+    from jaxshroud.orbits.branch_continuation import ContinuedBranch
+    from jaxshroud.orbits.travelling_wave import TravellingWave
+    from jaxshroud.plotting.style import AppearanceOptions
     from jaxshroud.results.sweep import SweepResult
 
 BRANCH_NUMBERS = ("q", "P", "P_d", "P_d_vibration", "multipliers", "residual", "conditioning", "status")
@@ -153,7 +153,7 @@ class Branch(WithAmplitudes, Result):
         crossing = {"flip": -1.0, "fold": 1.0, "branch point": 1.0}.get(kind)
         is_left_out = self.slider_is_free[point] & (np.abs(multipliers - 1) < 1e-9)
         if kind == "localisation":
-            from jaxshroud.motion.travelling_wave import keeps_shift
+            from jaxshroud.orbits.travelling_wave import keeps_shift
 
             multipliers = self.wave_multipliers[point]
             is_left_out = keeps_shift(multipliers) | np.isnan(multipliers)
@@ -241,7 +241,7 @@ class Branch(WithAmplitudes, Result):
         *,
         panel: str | None = None,
         over: "SweepResult | None" = None,
-        **options: "Unpack[LookOptions]",
+        **options: "Unpack[AppearanceOptions]",
     ) -> "Figure":
         """x_1 at the strobe and P_d against the number, with unstable orbits dashed and special points marked.
 

@@ -9,18 +9,18 @@ from jaxshroud.io.lane_status import FLAGS, status_name
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, ComplexVariable, MotionVariable, Variable, lanes_in_shape, lanes_in_words
 from jaxshroud.model.modes import Status
-from jaxshroud.motion.effects import NOT_RESOLVED, STUCK_SLIDER, exponent_text
 from jaxshroud.results.base import Labels, Result
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.typed import typed
+from jaxshroud.signals.effects import NOT_RESOLVED, STUCK_SLIDER, exponent_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from jaxshroud.model.prepared import State
-    from jaxshroud.motion.lyapunov import Exponents
-    from jaxshroud.plotting.style import LookOptions
+    from jaxshroud.orbits.lyapunov import Exponents
+    from jaxshroud.plotting.style import AppearanceOptions
 
 EXPONENTS = "Lyapunov exponents per drive period; -inf: forgotten altogether, NaN: not resolved"
 NO_INTERVAL = "half width of the 95 % interval; NaN where there is none"
@@ -221,7 +221,7 @@ class Diagnosis(Trajectory):
         panel: str | None = None,
         kind: str | None = None,
         settled_from: float = 0.5,
-        **options: "Unpack[LookOptions]",
+        **options: "Unpack[AppearanceOptions]",
     ) -> "Figure":
         """The diagnosis as one page, or a picture of the run.
 

@@ -8,14 +8,14 @@ import numpy as np
 from jaxshroud.io.scene_numbers import layout_in
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, FlagsVariable, Variable, lanes_in_shape, lanes_in_words
-from jaxshroud.motion.effects import Effect, effects, told_difference, with_interval
 from jaxshroud.results.base import Labels, Result, result_from_dataset
 from jaxshroud.results.orbit import ORBIT_FLAGS, Orbit
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.quantities import unit_of
+from jaxshroud.signals.effects import Effect, effects, told_difference, with_interval
 
 if TYPE_CHECKING:
-    from jaxshroud.motion.gradient import PowerGradient
+    from jaxshroud.orbits.gradient import PowerGradient
 
 ONE_SIDED = "two peaks", "blades tie"
 GRADIENT_KINDS = ("none", "periodic", "smoothed")

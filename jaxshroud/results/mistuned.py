@@ -9,10 +9,10 @@ from jaxshroud.io.scene_numbers import dimension, key_attrs
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, Variable
 from jaxshroud.model.modes import Status
-from jaxshroud.motion.amplification import whitehead_factor
 from jaxshroud.results.base import Result
 from jaxshroud.results.sweep import DIRECTION
 from jaxshroud.scene.layout import row_layout
+from jaxshroud.signals.waves import whitehead_factor
 
 QUANTILE_SHARES = (0.05, 0.5, 0.95)
 PATTERN_DIMS = ("design", "sigma", "pattern")

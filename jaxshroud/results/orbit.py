@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from jaxshroud.batch.tangents import Tangents
     from jaxshroud.march.method import Choices, Method
     from jaxshroud.model.prepared import State
-    from jaxshroud.motion.orbit import PeriodicOrbit
+    from jaxshroud.orbits.orbit import PeriodicOrbit
     from jaxshroud.scene.scene import Scene
 
 OfOrbit = TypeVar("OfOrbit")
@@ -206,7 +206,7 @@ class Orbit(WithAmplitudes, Result):
         At a "fold" the motion stays a travelling wave; elsewhere on the unit circle begins its "localisation", but for
         -1 in a ring of an odd number of blades, a "flip".
         """
-        from jaxshroud.motion.travelling_wave import wave_bifurcation
+        from jaxshroud.orbits.travelling_wave import wave_bifurcation
 
         return wave_bifurcation(self.wave_multipliers, self.data.sizes["blade"])
 
@@ -216,7 +216,7 @@ class Orbit(WithAmplitudes, Result):
         Raises:
             ValueError: The number of indices is not that of the leading axes.
         """
-        from jaxshroud.motion.orbit import PeriodicOrbit
+        from jaxshroud.orbits.orbit import PeriodicOrbit
 
         axes = np.ndim(self.q)
         if len(lane) != axes:

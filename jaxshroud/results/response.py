@@ -6,7 +6,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 import numpy as np
 
 from jaxshroud.io.lane_status import FLAGS
-from jaxshroud.io.response_data import (
+from jaxshroud.io.scene_numbers import dimension, key_attrs, layout_in
+from jaxshroud.io.store import JSONValue, json_values
+from jaxshroud.io.variable import Attribute, Variable
+from jaxshroud.plotting.run_data import (
     BETWEEN_MEMBERS,
     BRANCH_ENDS,
     BRANCH_KIND,
@@ -15,9 +18,6 @@ from jaxshroud.io.response_data import (
     joined_points,
     points_of_member,
 )
-from jaxshroud.io.scene_numbers import dimension, key_attrs, layout_in
-from jaxshroud.io.store import JSONValue, json_values
-from jaxshroud.io.variable import Attribute, Variable
 from jaxshroud.results.base import Result, result_from_dataset
 from jaxshroud.results.branch import Branch
 from jaxshroud.results.sweep import SweepResult
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from jaxshroud.motion.peaks import Peak
-    from jaxshroud.plotting.style import LookOptions
+    from jaxshroud.orbits.peaks import Peak
+    from jaxshroud.plotting.style import AppearanceOptions
 
 
 class Member(NamedTuple):
@@ -177,7 +177,9 @@ class Response(Result):
         return json_values({**numbers, "jumps": self.jumps, "status": self.ended, **self.source})
 
     @typed
-    def plot(self, ax: "Axes | None" = None, *, panel: str | None = None, **options: "Unpack[LookOptions]") -> "Figure":
+    def plot(
+        self, ax: "Axes | None" = None, *, panel: str | None = None, **options: "Unpack[AppearanceOptions]"
+    ) -> "Figure":
         """The amplitude over the number: sweeps as points, branches as lines, the free response dotted, and P_d.
 
         Broken waves of rings are in another colour, with a mark where they begin.

@@ -10,7 +10,6 @@ import numpy as np
 from jaxshroud.io.lane_status import FLAGS
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, Variable
-from jaxshroud.motion.effects import between, flat_text
 from jaxshroud.plotting.documents import Section, save_document
 from jaxshroud.results.attractors import Attractors
 from jaxshroud.results.base import Result
@@ -19,6 +18,7 @@ from jaxshroud.results.gradient import Gradient
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.quantities import unit_of
 from jaxshroud.scene.typed import typed
+from jaxshroud.signals.effects import between, flat_text
 
 SHARES = ("first", "total")  # shares of the variance: Sobol indices of first and of total order
 

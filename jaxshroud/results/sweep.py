@@ -11,15 +11,14 @@ from jaxshroud.io.scene_numbers import dimension, key_attrs
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, CountsVariable, MotionVariable, Variable
 from jaxshroud.model.modes import Status
-from jaxshroud.motion.effects import flat_text, told_difference
-from jaxshroud.motion.orbit_distance import NEIGHBOURING_STEPS, SweptMotion, find_jumps, motions_differ
-from jaxshroud.motion.period import UNKNOWN_IF_SETTLED
 from jaxshroud.results.amplitudes import WithAmplitudes, WithLoads, amplitude_numbers, largest_of_lanes, load_numbers
 from jaxshroud.results.base import Result
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import Layout
-from jaxshroud.scene.parts import SINGLE_DIRECTIONS, Direction
+from jaxshroud.scene.layout import SINGLE_DIRECTIONS, Direction, Layout
 from jaxshroud.scene.units import in_rpm
+from jaxshroud.signals.effects import flat_text, told_difference
+from jaxshroud.signals.orbit_distance import NEIGHBOURING_STEPS, SweptMotion, find_jumps, motions_differ
+from jaxshroud.signals.period import UNKNOWN_IF_SETTLED
 
 if TYPE_CHECKING:
     import xarray as xr

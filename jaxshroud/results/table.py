@@ -12,13 +12,13 @@ from jaxshroud.io.lane_status import count_by_status, status_name
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, Variable
 from jaxshroud.model.modes import Status
-from jaxshroud.motion.effects import told_difference
 from jaxshroud.results.amplitudes import WithAmplitudes, WithLoads
 from jaxshroud.results.base import Result
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.quantities import is_reduction
 from jaxshroud.scene.typed import typed
+from jaxshroud.signals.effects import told_difference
 
 if TYPE_CHECKING:
     import pandas as pd

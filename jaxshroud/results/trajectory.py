@@ -18,12 +18,12 @@ from jaxshroud.io.variable import (
     with_events,
 )
 from jaxshroud.model.modes import Mode
-from jaxshroud.motion.waves import BladeSpectrum, RowWave, blade_spectrum, participation_ratio, row_wave
 from jaxshroud.results.amplitudes import WithAmplitudes
 from jaxshroud.results.base import Result
 from jaxshroud.scene.checks import InputError, count_argument, word_argument
-from jaxshroud.scene.parts import COORDINATES
+from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.typed import typed
+from jaxshroud.signals.waves import BladeSpectrum, RowWave, blade_spectrum, participation_ratio, row_wave
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from jaxshroud.model.prepared import State
-    from jaxshroud.plotting.style import LookOptions
+    from jaxshroud.plotting.style import AppearanceOptions
 
 MODES = {"flag_values": [int(m) for m in Mode], "flag_meanings": " ".join(m.name for m in Mode)}
 CASES = "contact case 1-4 of Sec. 2.3; 5: face to face; 0 when apart"
@@ -223,7 +223,7 @@ class Trajectory(WithAmplitudes, Result):
         panel: str | None = None,
         kind: str | None = None,
         settled_from: float = 0.5,
-        **options: "Unpack[LookOptions]",
+        **options: "Unpack[AppearanceOptions]",
     ) -> "Figure":
         """Time history, phase portrait, Poincare points and spectrum of a single run, or panels of contact.
 

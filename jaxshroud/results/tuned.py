@@ -9,17 +9,17 @@ import numpy as np
 from jaxshroud.io.scene_numbers import layout_in
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, Variable
-from jaxshroud.motion.effects import between, flat_text, told_difference
 from jaxshroud.results.base import Result
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.quantities import is_reduction, unit_of
 from jaxshroud.scene.typed import typed
+from jaxshroud.signals.effects import between, flat_text, told_difference
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from jaxshroud.plotting.style import LookOptions
+    from jaxshroud.plotting.style import AppearanceOptions
 
 PENALTY = 100.0  # percentage points for exceeding a limit by its own size
 PATHS = ("update", "start")
@@ -307,7 +307,7 @@ class Tuned(Result):
         *,
         panel: str | None = None,
         drawn: Mapping[str, object] | None = None,
-        **options: "Unpack[LookOptions]",
+        **options: "Unpack[AppearanceOptions]",
     ) -> "Figure":
         """The paths of the search on the map of the objective, or key by key without a map, and their scores.
 

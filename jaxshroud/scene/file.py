@@ -10,9 +10,8 @@ import tomli_w
 
 from jaxshroud.scene.derived_inputs import in_tables, same_quantity
 from jaxshroud.scene.harmonics import nested
-from jaxshroud.scene.layout import Layout
+from jaxshroud.scene.layout import Direction, Layout, reading_text
 from jaxshroud.scene.messages import fail
-from jaxshroud.scene.parts import Direction, reading_text
 from jaxshroud.scene.replacing import layout_of
 from jaxshroud.scene.schema import RunTable, Table
 from jaxshroud.scene.typed import typed

@@ -7,17 +7,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.programs.kept import is_traced
+from jaxshroud.cache.programs import is_traced
 from jaxshroud.scene.checks import InputError, SceneError
 from jaxshroud.scene.derived_inputs import check_disjoint
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import find_key, number_shape
-from jaxshroud.scene.layout import Layout
-from jaxshroud.scene.numbers import fields_of, replaced
-from jaxshroud.scene.parts import reading_text
+from jaxshroud.scene.layout import Layout, reading_text
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import short_repr, typed
 from jaxshroud.scene.valid import check_values
+from jaxshroud.scene.vary import fields_of, replaced
 
 
 def grid_of_scenes(scene: Scene, axes: Mapping[str, np.ndarray]) -> Scene:

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxshroud.programs.kept import is_traced
+from jaxshroud.cache.programs import is_traced
 from jaxshroud.scene.point_numbers import (
     check_number_of_points,
     check_places,

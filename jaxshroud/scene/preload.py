@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from jaxshroud.scene.numbers import fields_of
 from jaxshroud.scene.optional import MEAN_LOADS
 from jaxshroud.scene.quantities import RequiredReduction
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.vary import fields_of
 
 
 def is_preloaded(scene: Scene) -> bool:

@@ -7,10 +7,8 @@ static deflection contributes.
 
 from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 
-from jaxshroud.scene.capabilities import require_capability
 from jaxshroud.scene.checks import InputError, word_argument
-from jaxshroud.scene.layout import PAIR, Layout
-from jaxshroud.scene.parts import Parts
+from jaxshroud.scene.layout import PAIR, Layout, Parts, require_capability
 
 if TYPE_CHECKING:
     import numpy as np

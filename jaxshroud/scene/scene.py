@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxshroud.scene.blades import BladeMatrices, Blades
-from jaxshroud.scene.capabilities import OWN_LAWS, require_capability, require_parts
 from jaxshroud.scene.checks import InputError, type_argument, word_argument
 from jaxshroud.scene.drive import Drive, Harmonic
 from jaxshroud.scene.fields import PerBlade, per_blade, scalar
@@ -27,9 +26,17 @@ from jaxshroud.scene.keys import (
     number_shape,
 )
 from jaxshroud.scene.laws import FrictionLaw, Laws, NormalLaw, Number, SceneLaw, with_checked_shapes
-from jaxshroud.scene.layout import Layout, layout_with, row_layout
+from jaxshroud.scene.layout import (
+    OWN_LAWS,
+    Layout,
+    Parts,
+    layout_with,
+    misprints,
+    require_capability,
+    require_parts,
+    row_layout,
+)
 from jaxshroud.scene.optional import harmonic_count
-from jaxshroud.scene.parts import Parts, misprints
 from jaxshroud.scene.points import ContactPoints
 from jaxshroud.scene.typed import short_repr, typed
 from jaxshroud.scene.valid import KEYS_BY_TABLE, check_number, check_numbers, check_shape

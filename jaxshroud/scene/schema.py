@@ -25,7 +25,6 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from jaxshroud.scene.capabilities import require_parts
 from jaxshroud.scene.checks import DEFAULT_TRANSIENT, MAX_AUTO_STEPS, MAX_COUNT, did_you_mean
 from jaxshroud.scene.keys import (
     ALL_KEYS,
@@ -42,8 +41,19 @@ from jaxshroud.scene.keys import (
     list_words,
     number_shape,
 )
-from jaxshroud.scene.layout import PAIR, Layout, row_layout
-from jaxshroud.scene.parts import ACCURACIES, MOTIONS, ContactPart, Direction, FrictionPart, Neighbour, misprints
+from jaxshroud.scene.layout import (
+    ACCURACIES,
+    MOTIONS,
+    PAIR,
+    ContactPart,
+    Direction,
+    FrictionPart,
+    Layout,
+    Neighbour,
+    misprints,
+    require_parts,
+    row_layout,
+)
 from jaxshroud.scene.point_numbers import check_number_of_points, check_points
 from jaxshroud.scene.typed import are_numbers
 from jaxshroud.scene.units import to_si

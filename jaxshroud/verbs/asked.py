@@ -1,9 +1,148 @@
-"""How to march: what is asked, and what runs."""
+"""How to march: what is asked (a method, or an accuracy and the settings that it stands for), and what runs."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from jaxshroud.march.method import Choices, Method, StepCount, method_as_json, method_of
-from jaxshroud.verbs.setting import Choice, accuracy_level
+from jaxshroud.march.method_names import Locate
+from jaxshroud.march.stability import stiffest
+from jaxshroud.march.tableau import MIN_STEPS, TOLERANCE_RANGE, TaylorOptions, tableau
+from jaxshroud.orbits.short_runs import ShortRuns, gap_slopes, run_from_start, softened
+from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.scene import Scene
+
+LEVELS = tuple(10.0**-n for n in range(2, 11))
+NAMED = {"fast": 1e-3, "balanced": 1e-6, "reference": 1e-10}
+COARSE_ACCURACY = 1e-3  # of rows: from here on Tsitouras 5 is cheaper
+MIN_SERIES_STEPS = 200  # per period; they cost power series nothing, and trajectories are sampled at them
+
+
+def accuracy_level(accuracy: Any) -> float:
+    """The accuracy that a name or a number stands for.
+
+    Raises:
+        ValueError: It is neither one of `NAMED` nor a number from 1e-10 to 1e-2.
+    """
+    try:
+        value = NAMED[accuracy] if isinstance(accuracy, str) and accuracy in NAMED else float(accuracy)
+    except (TypeError, ValueError):  # of an array of many numbers, or of one that is traced
+        value = np.nan
+    if not LEVELS[-1] * 0.999 <= value <= LEVELS[0] * 1.001:
+        raise InputError(f"must be {', '.join(NAMED)} or a number from 1e-10 to 1e-2, but is {accuracy!r}")
+    return value
+
+
+class Setting(NamedTuple):
+    """A method with its step or tolerance; the steps of power series only count time."""
+
+    tableau: str
+    locate: Locate
+    precision: str
+    product: float  # omega_max h
+    width: float = 0.0  # of smooth contact in place of the spring, see `softened`; 0: the contact of the scene
+    order: int = 0  # of power series; 0: a Runge-Kutta method
+    tolerance: float = 0.0  # of power series
+
+    @property
+    def method(self) -> Choices:
+        """The static choices of the march, without the step."""
+        stepping = TaylorOptions(self.order, self.tolerance) if self.order else tableau(self.tableau)
+        return Choices(stepping, self.locate, False, self.precision)  # type: ignore[arg-type]
+
+    def finer(self, n: int) -> "Setting":
+        """The setting with the step halved `n` times, and the tolerance of power series divided by 10 as often."""
+        tolerance = max(self.tolerance / 10**n, TOLERANCE_RANGE[0]) if self.order else 0.0
+        return self._replace(product=self.product / 2**n, tolerance=tolerance)
+
+    @property
+    def exact(self) -> "Setting":
+        """The setting with the most accurate locator, in float64."""
+        return self._replace(locate="series" if self.order else "cubic", precision="float64")
+
+    @property
+    def kind(self) -> str:
+        """The method in words, without its numbers."""
+        located = {"cubic": "", "bisection": ", bisection", "none": ", not located", "series": ""}[self.locate]
+        single = ", float32" if self.precision == "float32" else ""
+        return f"{self.tableau}{single}{located}{', smooth' if self.width else ''}"
+
+    def steps(self, omega_max: float, period: float) -> int:
+        """The steps per period for a scene with that largest frequency."""
+        least = MIN_SERIES_STEPS if self.order else MIN_STEPS
+        return max(int(np.ceil(omega_max * period / self.product)), least)
+
+    def run(self, scenes: Scene, periods: int) -> ShortRuns:
+        """March lanes (leading axis) from the initial states of their scenes."""
+        scenes = softened(scenes, self.width)
+        return run_from_start(scenes, periods, self.steps(*stiffest(scenes, 1)), self.method)
+
+    def slopes(self, scenes: Scene) -> np.ndarray | None:
+        """The derivative of each lane's power over the horizon with respect to the gap; None if there is none."""
+        scenes = softened(scenes, self.width)
+        return gap_slopes(scenes, self.steps(*stiffest(scenes, 1)), self.method)
+
+    def __str__(self) -> str:
+        if self.order:
+            return f"{self.kind}, order {self.order} to {self.tolerance:.0e}"
+        width = f", width {self.width:.3g}" if self.width else ""
+        return f"{self.kind}{width}, {self.product:.3g}"
+
+
+def by_series(order: int, tolerance: float, product: float = 1.0) -> Setting:
+    """A setting of power series; their steps only serve to count events and flat contact."""
+    return Setting("taylor", "series", "float64", product, order=order, tolerance=tolerance)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A setting chosen for an accuracy."""
+
+    accuracy: float  # error of the state after three periods, see `state_errors`, that 95 % of lanes keep
+    setting: Setting
+    steps: int | None  # per period; None: as many as the stiffest lane needs
+    promised: bool | None  # False: the accuracy cannot be reached, and this setting is about the best; None: not tried
+    reached: float = np.nan  # error that 95 % of the probed lanes keep, by comparison with a finer march
+    told: bool = True  # in results: not where a method that is not tried is the default
+    untried: str = "rows"  # where it is not tried: what it is chosen for
+
+    @property
+    def method(self) -> Choices:
+        """The static choices of the march, without a ledger."""
+        return self.setting.method
+
+    def __str__(self) -> str:
+        if self.promised is None:
+            levels = "from 1e-03 on" if self.accuracy >= COARSE_ACCURACY else "below 1e-03"
+            method = f"{self.setting.tableau} marches {self.untried} for every accuracy {levels}"
+            return f"accuracy {self.accuracy:.0e}: not examined for {self.untried}, and maybe missed; {method}"
+        product = "" if self.setting.order else " (omega_max h)"
+        text = f"accuracy {self.accuracy:.0e}: {self.setting}{product}, {self.steps} steps a period"
+        if self.promised:
+            return text
+        best = f"{self.reached:.0e} is the best for 95 % of runs"
+        return f"{text}; not to be had: {best}, as impacts multiply errors and flat contact drops its rocking"
+
+
+def is_tried(scene: Scene) -> bool:
+    """Whether methods are tried on a scene for an accuracy: on a pair whose corners touch."""
+    return scene.row is None and scene.contact.points is None
+
+
+def choice_without_trial(accuracy: str | float, told: bool, scene: Scene) -> Choice:
+    """The method of rows of blades, and of faces of points: one of two, and no trial says whether an accuracy is kept.
+
+    Args:
+        accuracy: The accuracy.
+        told: Whether it was asked for.
+        scene: What it is for, of which `is_tried` is false.
+    """
+    level = accuracy_level(accuracy)
+    name = "tsit5" if level >= COARSE_ACCURACY else "dopri8"
+    untried = "rows" if scene.row is not None else "faces of several points"
+    return Choice(level, Setting(name, "cubic", "float64", np.nan), None, promised=None, told=told, untried=untried)
+
 
 ACCURACY = "balanced"  # unless an argument or the scene file says how to march
 

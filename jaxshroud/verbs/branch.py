@@ -14,12 +14,12 @@ from jaxshroud.io.lane_status import AccuracyWarning
 from jaxshroud.io.variable import jax_lane_arrays
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.model.prepared import State
-from jaxshroud.motion.batched_algorithms import StagedProgress, run_alone
-from jaxshroud.motion.branch import BranchPoint, ContinuationProblem, continuation_problem, first_point
-from jaxshroud.motion.branch_continuation import ContinuedBranch, branches_from, with_errors
-from jaxshroud.motion.orbit import PeriodicOrbit
-from jaxshroud.motion.shooting import CLOSING_TOLERANCE, ShootingOptions, closed_orbit, settled_orbit
-from jaxshroud.motion.travelling_wave import whole_parts
+from jaxshroud.orbits.batched_algorithms import StagedProgress, run_alone
+from jaxshroud.orbits.branch import BranchPoint, ContinuationProblem, continuation_problem, first_point
+from jaxshroud.orbits.branch_continuation import ContinuedBranch, branches_from, with_errors
+from jaxshroud.orbits.orbit import PeriodicOrbit
+from jaxshroud.orbits.shooting import CLOSING_TOLERANCE, ShootingOptions, closed_orbit, settled_orbit
+from jaxshroud.orbits.travelling_wave import whole_parts
 from jaxshroud.results.branch import Branch
 from jaxshroud.scene.checks import InputError, NumericalError, count_argument
 from jaxshroud.scene.file import SceneFile
@@ -28,8 +28,8 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import check_continuous, in_precision
 from jaxshroud.scene.vary import value_of, with_numbers
+from jaxshroud.verbs.arguments import check_known_period, check_row, one_scene
 from jaxshroud.verbs.asked import MethodArgument
-from jaxshroud.verbs.checks import check_known_period, check_row, one_scene
 from jaxshroud.verbs.lanes import with_tangents
 from jaxshroud.verbs.options import resolve_options
 

@@ -7,27 +7,26 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Plan, Tick
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.states import in_scene_precision, initial_states
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import FAST
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
-from jaxshroud.motion.averages import stiffnesses
-from jaxshroud.motion.levels import check_resonance, check_vibration, free_level, levels_of
 from jaxshroud.results.tuned import PENALTY, DesignJudgement
-from jaxshroud.scene.capabilities import require_capability
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.derived_inputs import check_disjoint
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.keys import find_key
-from jaxshroud.scene.layout import PAIR, Layout
+from jaxshroud.scene.layout import PAIR, Layout, require_capability
 from jaxshroud.scene.quantities import Quantity, amplitude_of, check_quantity, is_reduction
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import check_continuous, check_values, in_precision
 from jaxshroud.scene.vary import value_of, with_numbers
+from jaxshroud.signals.amplitudes import check_resonance, check_vibration, free_level, levels_of
+from jaxshroud.signals.averages import stiffnesses
 from jaxshroud.verbs.scattering import Scattering, check_ends, check_overlap, cube_corners
 
 Goal = Literal["mean", "worst"]

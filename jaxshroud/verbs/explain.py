@@ -9,6 +9,7 @@ import numpy as np
 from jaxshroud.batch.marches import march_of
 from jaxshroud.batch.operation_count import TrialSize
 from jaxshroud.batch.runs import stepping_method
+from jaxshroud.cache.programs import kept
 from jaxshroud.march.events import model_events
 from jaxshroud.march.method import FAST, Choices, Method, choices
 from jaxshroud.march.stability import step_limits, steps_for, stiffest
@@ -16,13 +17,12 @@ from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.linear import Amplitudes, free_reach, steady_amplitudes
 from jaxshroud.model.prepared import Model, prepared_model
 from jaxshroud.model.row import pair_at
-from jaxshroud.programs.kept import kept
 from jaxshroud.results.base import PlainResult
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.parts import COORDINATES, MOTIONS, Parts
+from jaxshroud.scene.layout import COORDINATES, MOTIONS, Parts
 from jaxshroud.scene.scene import Scene, Shroud, with_parts
 from jaxshroud.scene.typed import typed
-from jaxshroud.verbs.checks import check_row, one_scene
+from jaxshroud.verbs.arguments import check_row, one_scene
 
 
 @dataclass(frozen=True)

@@ -10,15 +10,12 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.plan import Progress
+from jaxshroud.fitting.identifiability import Findings, ProfiledNumber, better_place, findings, profiles
+from jaxshroud.fitting.least_squares import MOST_EVALUATIONS, Data, Estimate, Misfit, estimate
+from jaxshroud.fitting.measured import steps_between_samples
+from jaxshroud.fitting.searches import MOST_SEARCHES, MOST_STEPS, descended, estimate_of_history, evaluations_of_search
 from jaxshroud.io.measurements import measurements_from, read_measurements
 from jaxshroud.march.stability import stiffest
-from jaxshroud.motion.estimation import MOST_EVALUATIONS, Estimate, estimate
-from jaxshroud.motion.identifiability import Findings, findings
-from jaxshroud.motion.lengthening import evaluations_of_search
-from jaxshroud.motion.measured import steps_between_samples
-from jaxshroud.motion.misfit import Data, Misfit
-from jaxshroud.motion.profiles import ProfiledNumber, better_place, profiles
-from jaxshroud.motion.searches import MOST_SEARCHES, MOST_STEPS, descended, estimate_of_history
 from jaxshroud.results.fit import Fit
 from jaxshroud.scene.checks import InputError, count_argument, seed_argument
 from jaxshroud.scene.file import SceneFile
@@ -26,8 +23,8 @@ from jaxshroud.scene.measurements import Measurements
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of
+from jaxshroud.verbs.arguments import one_scene
 from jaxshroud.verbs.asked import MarchPlan, MethodArgument
-from jaxshroud.verbs.checks import one_scene
 from jaxshroud.verbs.design_problem import Problem, design_corners, problem_of
 from jaxshroud.verbs.fit_model import FitModel, HistoryModel, ResponseModel
 from jaxshroud.verbs.lanes import with_tangents
@@ -88,7 +85,7 @@ def fit(
         NumericalError: No start runs to its end, or none finds an orbit.
 
     Source:
-        Damped Gauss-Newton steps of a batch of points (`motion/descents.py`), of responses
+        Damped Gauss-Newton steps of a batch of points (`fitting/least_squares.py`), of responses
         scipy.optimize.least_squares (trust region reflective), in scaled numbers with the tangents of the march; on
         orbits by the implicit function theorem. Intervals are those of the fit made linear (Student's t where the noise
         is estimated), or the profile of chi^2 where they are wide, confounded or not linear.

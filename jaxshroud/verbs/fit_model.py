@@ -4,14 +4,13 @@ import numpy as np
 
 from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.states import initial_states
+from jaxshroud.fitting.measured import Predicted, history_schedule, orbit_amplitudes_by, predicted_history
 from jaxshroud.io.variable import jax_lane_arrays
 from jaxshroud.march.method import Choices
 from jaxshroud.model.prepared import State
-from jaxshroud.motion.batched_algorithms import run_together
-from jaxshroud.motion.measured import Predicted, history_schedule, predicted_history
-from jaxshroud.motion.measured_response import orbit_amplitudes_by
-from jaxshroud.motion.orbit import PeriodicOrbit
-from jaxshroud.motion.shooting import CLOSING_TOLERANCE, ShootingOptions, settled_orbit
+from jaxshroud.orbits.batched_algorithms import run_together
+from jaxshroud.orbits.orbit import PeriodicOrbit
+from jaxshroud.orbits.shooting import CLOSING_TOLERANCE, ShootingOptions, settled_orbit
 from jaxshroud.scene.measurements import Measurements
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.design_problem import Problem, scenes_of

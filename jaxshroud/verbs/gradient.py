@@ -5,22 +5,21 @@ from functools import partial
 
 import numpy as np
 
+from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Plan, Progress
-from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.march.method import FAST, FOR_P_D
 from jaxshroud.model.prepared import State
-from jaxshroud.motion.batched_algorithms import run_alone, run_together
-from jaxshroud.motion.gradient import (
+from jaxshroud.orbits.batched_algorithms import run_alone, run_together
+from jaxshroud.orbits.gradient import (
     PowerGradient,
     Smoothing,
     differences_on,
     gradient_of,
     orbit_gradient,
 )
-from jaxshroud.motion.levels import check_resonance, check_vibration
-from jaxshroud.motion.orbit import PeriodicOrbit
-from jaxshroud.motion.shooting import CLOSING_TOLERANCE, ShootingOptions
+from jaxshroud.orbits.orbit import PeriodicOrbit
+from jaxshroud.orbits.shooting import CLOSING_TOLERANCE, ShootingOptions
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.results.orbit import Orbit
 from jaxshroud.scene.checks import InputError, count_argument, positive_argument, seed_argument
@@ -31,8 +30,9 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import check_continuous
 from jaxshroud.scene.vary import level_of, numbers_that_count, with_numbers
+from jaxshroud.signals.amplitudes import check_resonance, check_vibration
+from jaxshroud.verbs.arguments import check_row
 from jaxshroud.verbs.asked import MethodArgument
-from jaxshroud.verbs.checks import check_row
 from jaxshroud.verbs.lanes import RequestedLanes, results_of_all, warn_failed, with_tangents
 from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.orbit import cycles_of

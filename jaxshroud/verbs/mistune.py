@@ -13,31 +13,32 @@ from jaxshroud.batch.plan import Progress
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.march.method_names import RESPONSES
 from jaxshroud.model.natural_modes import NaturalContact
-from jaxshroud.motion.amplification import RowResponses, largest_amplitudes
-from jaxshroud.motion.levels import check_vibration
-from jaxshroud.motion.statistics import quantile_interval
 from jaxshroud.results.mistuned import QUANTILE_SHARES, Mistuned, mistuned_coordinates
 from jaxshroud.scene.checks import InputError, count_argument, seed_argument, word_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes, scenes_at
+from jaxshroud.scene.layout import SINGLE_DIRECTIONS, Direction
 from jaxshroud.scene.mistuning import NO_PATTERN, mistuned_designs, random_patterns
-from jaxshroud.scene.parts import SINGLE_DIRECTIONS, Direction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray, typed
 from jaxshroud.scene.vary import vary, with_numbers
+from jaxshroud.signals.amplitudes import check_vibration
+from jaxshroud.signals.statistics import quantile_interval
+from jaxshroud.signals.waves import RowResponses, largest_amplitudes
+from jaxshroud.verbs.arguments import flatten_lanes, one_scene, refuse_traced
 from jaxshroud.verbs.asked import MethodArgument
-from jaxshroud.verbs.checks import one_scene, refuse_traced
-from jaxshroud.verbs.leading_axes import flatten_lanes
 from jaxshroud.verbs.mistuned_rows import (
     MistunedRow,
+    PatternProblem,
+    SearchSize,
     linear_problem,
     marched_problem,
+    search_worst_pattern,
     swept_responses,
     with_patterns,
 )
 from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.plan import plan_march
-from jaxshroud.verbs.worst_pattern import PatternProblem, SearchSize, search_worst_pattern
 
 
 @typed

@@ -14,9 +14,9 @@ from jaxshroud.model.natural_modes import (
     natural_modes,
 )
 from jaxshroud.model.prepared import law_type
-from jaxshroud.results.campbell import NaturalMode
+from jaxshroud.results.data_sheet import NaturalMode
 from jaxshroud.scene.laws import Laws
-from jaxshroud.scene.parts import COORDINATES
+from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
 

@@ -20,10 +20,8 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.schema import RunTable
 from jaxshroud.scene.text import text_of
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.verbs.asked import Asked, MethodArgument
-from jaxshroud.verbs.checks import check_verb
-from jaxshroud.verbs.leading_axes import flatten_lanes, leading_axes, names_of
-from jaxshroud.verbs.setting import accuracy_level, choice_without_trial, is_tried
+from jaxshroud.verbs.arguments import check_verb, flatten_lanes, leading_axes, names_of
+from jaxshroud.verbs.asked import Asked, MethodArgument, accuracy_level, choice_without_trial, is_tried
 
 N_PERIODS = 64  # kept periods, unless the argument or the scene file says otherwise
 LaneVariable = tuple[tuple[str, ...], np.ndarray, dict[str, str]]  # dimensions, values, attributes

@@ -11,20 +11,20 @@ from jaxshroud.batch.threads import Interrupted
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
-from jaxshroud.motion.amplitudes import amplitude_values
-from jaxshroud.motion.batched_algorithms import run_together
-from jaxshroud.motion.lyapunov import MAX_ALIGNMENT_PERIODS, Exponents, lyapunov_exponents, state_places
-from jaxshroud.motion.orbit import PeriodicOrbit, no_orbit
-from jaxshroud.motion.shooting import CLOSING_TOLERANCE, ShootingOptions, closed_orbit, settled_orbit
-from jaxshroud.motion.travelling_wave import TravellingWave, travelling_wave
+from jaxshroud.orbits.batched_algorithms import run_together
+from jaxshroud.orbits.lyapunov import MAX_ALIGNMENT_PERIODS, Exponents, lyapunov_exponents, state_places
+from jaxshroud.orbits.orbit import PeriodicOrbit, no_orbit
+from jaxshroud.orbits.shooting import CLOSING_TOLERANCE, ShootingOptions, closed_orbit, settled_orbit
+from jaxshroud.orbits.travelling_wave import TravellingWave, travelling_wave
 from jaxshroud.results.diagnosis import Lyapunov
 from jaxshroud.results.orbit import Orbit
 from jaxshroud.scene.checks import count_argument, positive_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
+from jaxshroud.signals.amplitudes import amplitude_values
+from jaxshroud.verbs.arguments import check_known_period
 from jaxshroud.verbs.asked import MethodArgument
-from jaxshroud.verbs.checks import check_known_period
 from jaxshroud.verbs.lanes import request_lanes, results_of_all, warn_failed
 
 

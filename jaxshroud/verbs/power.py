@@ -9,10 +9,10 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.periods import PERIODS_PER_CALL, Sample
 from jaxshroud.batch.plan import Plan, Progress, Runs, Ticker
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.states import final_states
 from jaxshroud.batch.zeno import zeno_warning
 from jaxshroud.io.lane_status import warn_failures
@@ -20,19 +20,7 @@ from jaxshroud.march.method import FOR_P_D_WITH_LEDGER
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
-from jaxshroud.motion.amplitudes import amplitude_values, counted_mean, counted_periods, load_values
-from jaxshroud.motion.averages import (
-    Reduction,
-    averages,
-    closed_forms,
-    convergence,
-    period_reductions,
-    relative_residual,
-)
-from jaxshroud.motion.equivalent import equivalent_values
-from jaxshroud.motion.levels import check_vibration
-from jaxshroud.motion.period import NOT_SETTLED, PERIOD_TOLERANCE, Repetition
-from jaxshroud.motion.short_runs import end_states
+from jaxshroud.orbits.short_runs import end_states
 from jaxshroud.results.base import Labels
 from jaxshroud.results.power import PowerResult
 from jaxshroud.scene.checks import InputError, tolerance_argument
@@ -40,12 +28,21 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.verbs.accuracy import missed_lanes, warn_missed
+from jaxshroud.signals.amplitudes import amplitude_values, check_vibration, counted_mean, counted_periods, load_values
+from jaxshroud.signals.averages import (
+    Reduction,
+    averages,
+    closed_forms,
+    convergence,
+    period_reductions,
+    relative_residual,
+)
+from jaxshroud.signals.equivalent import equivalent_values
+from jaxshroud.signals.period import NOT_SETTLED, PERIOD_TOLERANCE, Repetition
+from jaxshroud.verbs.arguments import check_row, in_shape
 from jaxshroud.verbs.asked import MarchPlan, MethodArgument
-from jaxshroud.verbs.checks import check_row
-from jaxshroud.verbs.leading_axes import in_shape
 from jaxshroud.verbs.options import ResolvedOptions, resolve_options
-from jaxshroud.verbs.plan import plan_march
+from jaxshroud.verbs.plan import missed_lanes, plan_march, warn_missed
 
 FIRST_PERIODS = 2 * PERIODS_PER_CALL  # kept periods before the first test of convergence
 

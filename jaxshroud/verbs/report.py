@@ -1,13 +1,15 @@
-"""The report on a design: its runs, a verdict with its reasons, and one document of all."""
+"""The report on a design: what is asked for, its runs, a verdict with its reasons, and one document of all."""
 
+import math
 from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import TypedDict, cast
 
 import jax
 import numpy as np
 
+from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Plan, Progress, Ticker
-from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.model.modes import Status
@@ -16,35 +18,122 @@ from jaxshroud.results.attractors import Attractors
 from jaxshroud.results.scatter import Report
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.tuned import Tuned
-from jaxshroud.scene.checks import NumericalError
+from jaxshroud.scene.checks import InputError, NumericalError, count_argument, seed_argument
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.layout import PAIR
-from jaxshroud.scene.parts import SINGLE_DIRECTIONS
+from jaxshroud.scene.grids import scenes_at
+from jaxshroud.scene.layout import PAIR, SINGLE_DIRECTIONS
 from jaxshroud.scene.preload import counted_reduction
-from jaxshroud.scene.quantities import RequiredReduction
+from jaxshroud.scene.quantities import RequiredReduction, check_quantity
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import T, typed
-from jaxshroud.scene.vary import level_of, with_numbers
-from jaxshroud.verbs.ascent import verify_design
+from jaxshroud.scene.vary import level_of, value_of, with_numbers
+from jaxshroud.signals.amplitudes import check_resonance, check_vibration
+from jaxshroud.verbs.arguments import check_row, one_scene
 from jaxshroud.verbs.asked import Asked, MarchPlan, MethodArgument
-from jaxshroud.verbs.attractors import attractors
+from jaxshroud.verbs.attractors import attractors, row_motions
 from jaxshroud.verbs.check import check
-from jaxshroud.verbs.checks import check_row, one_scene
-from jaxshroud.verbs.design_problem import Problem, judge_designs, scenes_of
+from jaxshroud.verbs.design_problem import (
+    Problem,
+    check_condition,
+    design_corners,
+    judge_designs,
+    problem_of,
+    scenes_of,
+)
 from jaxshroud.verbs.gradient import gradient
+from jaxshroud.verbs.gradient_ascent import verify_design
 from jaxshroud.verbs.options import ResolvedOptions, resolve_options
-from jaxshroud.verbs.peak_ratio import VALUES, ZOOMS, peak_ratio
 from jaxshroud.verbs.plan import plan_march
 from jaxshroud.verbs.power import power
-from jaxshroud.verbs.report_findings import DesignFindings
-from jaxshroud.verbs.report_request import Bounds, Conditions, check_report, report_request, varied_by
-from jaxshroud.verbs.report_row import RowFindings
+from jaxshroud.verbs.report_findings import DesignFindings, RowFindings
 from jaxshroud.verbs.report_sections import Limits, ReportData, sections_of, worst_of
 from jaxshroud.verbs.report_verdict import report_verdict
-from jaxshroud.verbs.row_motions import row_motions
-from jaxshroud.verbs.scatter import scatter
-from jaxshroud.verbs.scattering import Spread
+from jaxshroud.verbs.response import VALUES, ZOOMS, peak_ratio
+from jaxshroud.verbs.scatter import check_at_least, draw_rows, scatter
+from jaxshroud.verbs.scattering import Spread, scatter_bounds
 from jaxshroud.verbs.sweep import sweep
+
+Bounds = Mapping[str, tuple[float, float]]
+Conditions = Mapping[str, Sequence[float]]
+
+
+def report_request(
+    scene: Scene,
+    limits: Limits,
+    scatters: Mapping[str, Spread],
+    conditions: Conditions,
+    tuned: Tuned | None,
+    of: RequiredReduction | None = None,
+) -> tuple[Limits, dict[str, tuple[float, float]], dict[str, Sequence[float]]]:
+    """The limits, the bounds of numbers that scatter and the conditions of a report, merged with those of a tuning.
+
+    Raises:
+        KeyError: The scene has no such number.
+        InputError: A half width is not positive.
+    """
+    bounds = scatter_bounds(scene, scatters)
+    if tuned is None:
+        return limits, bounds, dict(conditions)
+    own_bounds = tuned.ends_of_scatter({key: value_of(scene, key) for key in tuned.scatters})
+    limits = Limits(
+        tuned.at_least if limits.at_least is None and of in (None, tuned.quantity) else limits.at_least,
+        min(limits.most_force, tuned.most_force),
+        min(limits.most_penetration, tuned.most_penetration),
+    )
+    return limits, own_bounds | bounds, {**tuned.conditions, **conditions}
+
+
+def varied_by(scene: Scene, scatters: Bounds, conditions: Conditions) -> Scene:
+    """The scenes (leading axis) of a report: the design in all its conditions, and at the ends of its scatter.
+
+    Raises:
+        KeyError: The scene has no such number.
+        ValueError: A value is out of its range, or there is none.
+    """
+    scene = with_numbers(scene, list(dict.fromkeys([*scatters, *conditions])))
+    for key, values in conditions.items():
+        check_condition(key, values, scene.layout)
+    in_conditions = scenes_at(scene, list(conditions), np.array(list(product(*conditions.values())), float))
+    if not scatters:
+        return in_conditions
+    at_ends = design_corners(problem_of(scene, scatters, {}))
+    return jax.tree.map(lambda *a: np.concatenate(a), in_conditions, at_ends)
+
+
+def check_report(
+    scene: Scene,
+    resolved: ResolvedOptions,
+    limits: Limits,
+    scatters: Bounds,
+    conditions: Conditions,
+    counts: tuple[int, int, int],
+    of: RequiredReduction = "P_d",
+) -> None:
+    """Raise an InputError for arguments that a part of the report would refuse, or could say nothing about.
+
+    Args:
+        scene: The design.
+        resolved: The resolved arguments that all verbs share.
+        limits: The limits that are to be kept.
+        scatters: Keys of numbers that scatter, with their bounds.
+        conditions: Keys of operating conditions, with their values.
+        counts: Draws of the scatter, random starts, and the seed of both.
+        of: The reduction that is judged.
+    """
+    check_quantity(of, scene.parts, scene.layout)
+    draws, starts, seed = counts
+    for name in ("most_force", "most_penetration"):
+        if not (value := getattr(limits, name)) > 0:
+            raise InputError(f"Argument `{name}` must be positive, but is {value}.")
+    check_at_least(limits.at_least)
+    count_argument("starts", starts, 1)
+    seed_argument(seed)
+    if scatters:
+        draw_rows(scene, scatters, limits.at_least, draws, seed, resolved, math.prod(map(np.size, conditions.values())))
+    in_conditions = varied_by(scene, {}, conditions)
+    check_vibration(of, in_conditions)
+    check_resonance(of, in_conditions)
+
 
 GAPS = 61  # values of the sweep over the gap
 GAPS_BELOW, GAPS_ABOVE, MIN_GAP_SIZE = 0.75, 2.0, 1e-6  # its range about the gap, in gaps of at least 1 um

@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxshroud.motion.effects import between, told_difference, with_interval
 from jaxshroud.plotting.documents import Section
 from jaxshroud.plotting.style import shade
 from jaxshroud.results.attractors import Attractors
@@ -17,9 +16,9 @@ from jaxshroud.results.scatter import SHARES, Scatter
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.tuned import DesignJudgement, Tuned
 from jaxshroud.scene.quantities import RequiredReduction
-from jaxshroud.verbs.peak_ratio import PeakRatio
-from jaxshroud.verbs.report_findings import DesignFindings
-from jaxshroud.verbs.report_row import MM_PER_M
+from jaxshroud.signals.effects import between, told_difference, with_interval
+from jaxshroud.verbs.report_findings import MM_PER_M, DesignFindings
+from jaxshroud.verbs.response import PeakRatio
 from jaxshroud.verbs.sheet_tables import lines_of, rows_of
 from jaxshroud.version import __version__
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from jaxshroud.verbs.ascent import checks_agree
+from jaxshroud.verbs.gradient_ascent import checks_agree
 from jaxshroud.verbs.report_sections import ReportData, largest_value
 
 MAX_RESIDUAL = 1e-4  # energy residual over the drive's work: about a hundredth of a percentage point of P_d

@@ -7,15 +7,11 @@ from itertools import product
 
 import numpy as np
 
+from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Progress
-from jaxshroud.batch.size_limits import check_size
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
-from jaxshroud.motion.averages import stiffnesses
-from jaxshroud.motion.levels import check_vibration
-from jaxshroud.motion.period import CLOSING_ROUNDINGS
-from jaxshroud.motion.statistics import SobolIndices, saltelli_rows, variance_indices
 from jaxshroud.results.scatter import Scatter
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.checks import InputError, Precision, count_argument, seed_argument
@@ -27,8 +23,12 @@ from jaxshroud.scene.quantities import Quantity, amplitude_of, check_only_P_d, c
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of, with_numbers
+from jaxshroud.signals.amplitudes import check_vibration
+from jaxshroud.signals.averages import stiffnesses
+from jaxshroud.signals.period import CLOSING_ROUNDINGS
+from jaxshroud.signals.statistics import SobolIndices, saltelli_rows, variance_indices
+from jaxshroud.verbs.arguments import check_row, one_scene
 from jaxshroud.verbs.asked import MethodArgument
-from jaxshroud.verbs.checks import check_row, one_scene
 from jaxshroud.verbs.design_problem import check_bounds, check_condition, check_objective
 from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.plan import plan_march

@@ -3,8 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from jaxshroud.results.campbell import MOTION_NAMES, Crossing, NaturalMode, excited_by
-from jaxshroud.results.data_sheet import Coordinate, DataSheet
+from jaxshroud.results.data_sheet import MOTION_NAMES, Coordinate, Crossing, DataSheet, NaturalMode, excited_by
 from jaxshroud.scene.units import RPM
 
 COORDINATE_HEADS = ["", "natural [Hz]", "over the drive's", "zeta"]

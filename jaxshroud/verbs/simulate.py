@@ -5,19 +5,17 @@ from typing import Any
 
 import numpy as np
 
+from jaxshroud.batch.limits import STEP_BYTES, check_memory
 from jaxshroud.batch.plan import Progress, Ticker
+from jaxshroud.batch.runs import trajectories
 from jaxshroud.batch.sampling import SampleGrid
-from jaxshroud.batch.size_limits import STEP_BYTES, check_memory
-from jaxshroud.batch.trajectories import trajectories
 from jaxshroud.batch.zeno import zeno_of_trajectories
 from jaxshroud.io.lane_status import warn_failures
 from jaxshroud.march.method import REFERENCE, Choices
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.contact_law import ContactLoads
 from jaxshroud.model.prepared import State
-from jaxshroud.motion.amplitudes import sampled_amplitude_values
-from jaxshroud.motion.averages import contact_shares
-from jaxshroud.motion.short_runs import trajectory_ends
+from jaxshroud.orbits.short_runs import trajectory_ends
 from jaxshroud.results.base import Labels
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.checks import InputError, count_argument
@@ -25,12 +23,12 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.verbs.accuracy import missed_lanes, warn_missed
+from jaxshroud.signals.amplitudes import sampled_amplitude_values
+from jaxshroud.signals.averages import contact_shares
+from jaxshroud.verbs.arguments import check_row, in_shape
 from jaxshroud.verbs.asked import MethodArgument
-from jaxshroud.verbs.checks import check_row
-from jaxshroud.verbs.leading_axes import in_shape
 from jaxshroud.verbs.options import ResolvedOptions, resolve_options
-from jaxshroud.verbs.plan import plan_march
+from jaxshroud.verbs.plan import missed_lanes, plan_march, warn_missed
 
 
 @typed

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.batch.continuation import SweepHandover
+from jaxshroud.batch.limits import SAMPLE_BYTES
 from jaxshroud.batch.periods import LANES_PER_CALL
-from jaxshroud.batch.size_limits import SAMPLE_BYTES
+from jaxshroud.batch.runs import SweepHandover
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.io.block_records import Record
 from jaxshroud.io.store import read
@@ -24,7 +24,7 @@ from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.results.base import result_from_dataset
 from jaxshroud.results.sweep import DIRECTION, SweepResult, compare_directions, in_direction, sweep_coordinates
-from jaxshroud.scene.parts import SINGLE_DIRECTIONS, Direction
+from jaxshroud.scene.layout import SINGLE_DIRECTIONS, Direction
 from jaxshroud.scene.text import words_of
 from jaxshroud.verbs.cluster import compute_on_workers, connected_client, machine_identity, worker_identity
 from jaxshroud.verbs.sweep_block import (

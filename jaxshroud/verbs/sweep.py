@@ -9,30 +9,35 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import ArrayLike
 
+from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Plan, Progress, Ticker
-from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.io.lane_status import warn_failures
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.model.prepared import State
-from jaxshroud.motion.period import PERIOD_TOLERANCE
 from jaxshroud.results.sweep import SweepResult, overlay_directions
 from jaxshroud.scene.checks import InputError, StoreError, tolerance_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
-from jaxshroud.scene.parts import SINGLE_DIRECTIONS, Direction
+from jaxshroud.scene.layout import SINGLE_DIRECTIONS, Direction
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.verbs.accuracy import warn_missed
+from jaxshroud.signals.period import PERIOD_TOLERANCE
+from jaxshroud.verbs.arguments import check_row, flatten_lanes, refuse_traced
 from jaxshroud.verbs.asked import MethodArgument
-from jaxshroud.verbs.checks import check_row, refuse_traced
-from jaxshroud.verbs.confirm import confirmed_run
-from jaxshroud.verbs.leading_axes import flatten_lanes
 from jaxshroud.verbs.options import ResolvedOptions, resolve_options
-from jaxshroud.verbs.plan import plan_march
+from jaxshroud.verbs.plan import plan_march, warn_missed
 from jaxshroud.verbs.stored import SweepTask, store_sweep
-from jaxshroud.verbs.sweep_run import MAX_LANES_AT_ONCE, Grid, SweepSettings, lane_periods, run_map, run_sweep
+from jaxshroud.verbs.sweep_run import (
+    MAX_LANES_AT_ONCE,
+    Grid,
+    SweepSettings,
+    confirmed_run,
+    lane_periods,
+    run_map,
+    run_sweep,
+)
 
 
 @typed

@@ -8,18 +8,17 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.batch.cache import cache_compilations, cache_folder
-from jaxshroud.batch.continuation import SweepHandover
+from jaxshroud.batch.compilation_cache import cache_compilations, cache_folder
+from jaxshroud.batch.runs import SweepHandover
 from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.threads import jax_settings, single_threaded
 from jaxshroud.io.block_records import Record
 from jaxshroud.model.prepared import State
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.parts import Direction
+from jaxshroud.scene.layout import Direction
 from jaxshroud.scene.typed import Tree
-from jaxshroud.verbs.confirm import confirmed_run
-from jaxshroud.verbs.sweep_run import Grid, SweepSettings, run_sweep
+from jaxshroud.verbs.sweep_run import Grid, SweepSettings, confirmed_run, run_sweep
 
 
 class BlockTask(NamedTuple):

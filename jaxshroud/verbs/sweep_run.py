@@ -1,39 +1,40 @@
-"""The runs of a sweep's lanes, and the numbers that its result holds."""
+"""The runs of a sweep's lanes, the numbers that its result holds, and their comparison with a finer march."""
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
 import jax
 import numpy as np
 
-from jaxshroud.batch.continuation import SweepHandover, continued_runs, independent_runs
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.batch.plan import Plan, Runs, Ticker
-from jaxshroud.batch.runs import stepping_method
+from jaxshroud.batch.runs import SweepHandover, continued_runs, independent_runs, stepping_method
 from jaxshroud.batch.states import final_states
 from jaxshroud.batch.stepped_runs import in_float64
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.batch.zeno import zeno_warning
 from jaxshroud.io.scene_numbers import dimension
+from jaxshroud.march.accumulator import ContactTimes
 from jaxshroud.march.stability import steps_for
-from jaxshroud.march.tally import ContactTimes
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
-from jaxshroud.motion.amplitudes import amplitude_values, counted_mean, counted_periods, load_values
-from jaxshroud.motion.averages import averages, contact_shares, relative_drop, relative_residual
-from jaxshroud.motion.lyapunov import ALIGNMENT_PERIODS, largest_exponents, with_phase_shift
-from jaxshroud.motion.period import SETTLED
-from jaxshroud.motion.short_runs import end_states
+from jaxshroud.orbits.lyapunov import ALIGNMENT_PERIODS, largest_exponents, with_phase_shift
+from jaxshroud.orbits.short_runs import end_states
 from jaxshroud.results.sweep import GAP_ATTRS, SweepResult, sweep_coordinates
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.parts import Direction
+from jaxshroud.scene.layout import Direction
 from jaxshroud.scene.scene import Scene
-from jaxshroud.verbs.accuracy import missed_lanes
+from jaxshroud.signals.amplitudes import amplitude_values, counted_mean, counted_periods, load_values
+from jaxshroud.signals.averages import averages, contact_shares, relative_drop, relative_residual
+from jaxshroud.signals.period import SETTLED
+from jaxshroud.verbs.arguments import in_shape
 from jaxshroud.verbs.asked import MarchPlan
-from jaxshroud.verbs.leading_axes import in_shape
 from jaxshroud.verbs.options import ResolvedOptions
+from jaxshroud.verbs.plan import missed_lanes
 
 MAX_LANES_AT_ONCE = 4096  # lanes whose samples are in memory at once where the result does not keep them
 
@@ -250,3 +251,37 @@ def _lane_numbers(scenes: Scene, runs: Runs, settings: SweepSettings) -> dict[st
         **load_values(scenes, runs.samples, number),
         **amplitude_values(scenes, runs.samples, number),
     }
+
+
+SAME_P_D = 1e-3  # percentage points beside both intervals: more than the rounding of a settled orbit makes
+
+
+def confirmed_run(run: Callable[[SweepSettings], SweepResult], settings: SweepSettings) -> SweepResult:
+    """A sweep, with `unconfirmed` where it is to be confirmed: run again with half the step and a tenth the tolerance.
+
+    Raises:
+        Interrupted: Ctrl-C; `done` is without `unconfirmed` where the sweep itself had ended.
+    """
+    result = run(settings)
+    if not settings.confirm:
+        return result
+    try:
+        finer = run(_finer_settings(settings))
+    except Interrupted:
+        raise Interrupted(result) from None
+    variable = SweepResult.variables["unconfirmed"]
+    entries = variable.entries(_ends_elsewhere(result, finer), result.dims)
+    return SweepResult(result.data.assign(dict(entries)))
+
+
+def _finer_settings(settings: SweepSettings) -> SweepSettings:
+    plan = settings.plan
+    finer = replace(plan, steps_per_period=2 * plan.steps_per_period, method=plan.method.finer)
+    return settings._replace(plan=finer, march=settings.march.untried, confirms=True)
+
+
+def _ends_elsewhere(result: SweepResult, finer: SweepResult) -> np.ndarray:
+    """Whether lanes whose P_d has settled have another period number or P_d by the finer march."""
+    both_ran = (result.status == Status.OK) & (finer.status == Status.OK)
+    apart = np.abs(result.P_d - finer.P_d) > SAME_P_D + result.P_d_ci + finer.P_d_ci
+    return both_ran & result.P_d_settled & (apart | (result.period_number != finer.period_number))

@@ -11,20 +11,19 @@ from jaxshroud.io.variable import Attribute
 from jaxshroud.march.method_names import LARGEST_FIRST, RANKED_BY
 from jaxshroud.march.stability import lanes_that_auto_steps_follow
 from jaxshroud.model.modes import Status
-from jaxshroud.motion.levels import check_vibration
-from jaxshroud.motion.period import NOT_SETTLED, SETTLED
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.table import ROW, DesignTable
-from jaxshroud.scene.capabilities import require_capability
 from jaxshroud.scene.checks import InputError, SceneError, did_you_mean
 from jaxshroud.scene.designs import Designs, read_designs
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.layout import Layout
+from jaxshroud.scene.layout import Layout, require_capability
 from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
+from jaxshroud.signals.amplitudes import check_vibration
+from jaxshroud.signals.period import NOT_SETTLED, SETTLED
+from jaxshroud.verbs.arguments import check_row, one_scene
 from jaxshroud.verbs.asked import MethodArgument
-from jaxshroud.verbs.checks import check_row, one_scene
 from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.sweep import sweep
 

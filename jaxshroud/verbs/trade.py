@@ -8,18 +8,16 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.adaptive import adaptive_gap_slopes, adaptive_samples
+from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.periods import pair_sample
 from jaxshroud.batch.plan import Plan, Progress
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.states import initial_states
 from jaxshroud.march.method import FAST, Method, choices
 from jaxshroud.march.stability import steps_for
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import law_type
-from jaxshroud.motion.averages import averages
-from jaxshroud.motion.levels import check_vibration
-from jaxshroud.motion.short_runs import (
+from jaxshroud.orbits.short_runs import (
     HORIZON,
     ShortRuns,
     gap_slopes,
@@ -36,8 +34,10 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import text_of
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of
-from jaxshroud.verbs.checks import one_scene
-from jaxshroud.verbs.setting import Setting, by_series
+from jaxshroud.signals.amplitudes import check_vibration
+from jaxshroud.signals.averages import averages
+from jaxshroud.verbs.arguments import one_scene
+from jaxshroud.verbs.asked import Setting, by_series
 
 SHORT_PERIODS = 16  # periods that even slow methods can be run for
 IMPLICIT = {"Kvaerno5"}

@@ -1,6 +1,6 @@
 """Design: the numbers of a scene that reduce the vibration most, over a range of operating conditions.
 
-A coarse scan chooses starts; from each of them Adam climbs in variables scaled to the unit cube, see `climb_paths`.
+A coarse scan chooses starts; from each of them Adam ascends in variables scaled to the unit cube, see `ascent_paths`.
 """
 
 import json
@@ -9,8 +9,8 @@ from typing import cast
 
 import numpy as np
 
+from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Plan, Progress, Ticker
-from jaxshroud.batch.size_limits import check_size
 from jaxshroud.march.method import FOR_P_D, choices
 from jaxshroud.model.prepared import State
 from jaxshroud.results.tuned import DesignJudgement, Tuned
@@ -22,19 +22,8 @@ from jaxshroud.scene.quantities import Quantity, amplitude_of, check_only_P_d
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import text_of
 from jaxshroud.scene.typed import typed
-from jaxshroud.verbs.ascent import (
-    LIMIT_MARGIN,
-    POLISH_SAMPLES,
-    POLISH_WIDTHS,
-    SAME_START_CHECKS,
-    SearchOptions,
-    checks_agree,
-    climb_paths,
-    polish_design,
-    verify_design,
-)
+from jaxshroud.verbs.arguments import check_row, one_scene
 from jaxshroud.verbs.asked import MarchPlan, MethodArgument
-from jaxshroud.verbs.checks import check_row, one_scene
 from jaxshroud.verbs.design_problem import (
     Goal,
     Problem,
@@ -43,6 +32,17 @@ from jaxshroud.verbs.design_problem import (
     design_corners,
     judge_designs,
     problem_of,
+)
+from jaxshroud.verbs.gradient_ascent import (
+    LIMIT_MARGIN,
+    POLISH_SAMPLES,
+    POLISH_WIDTHS,
+    SAME_START_CHECKS,
+    SearchOptions,
+    ascent_paths,
+    checks_agree,
+    polish_design,
+    verify_design,
 )
 from jaxshroud.verbs.lanes import with_tangents
 from jaxshroud.verbs.options import resolve_options
@@ -174,22 +174,22 @@ def _most_lanes(problem: Problem, counts: tuple[int, int, int]) -> int:
     """
     (scan, n_starts, updates), size = counts, len(problem.over)
     check_size(max(scan, n_starts * (1 + 3 * size)) * problem.runs, 4 * problem.plan.transient, 4 * problem.plan.kept)
-    climbs = min(n_starts, scan) * (updates + 1) * (1 + 3 * size)
+    ascents = min(n_starts, scan) * (updates + 1) * (1 + 3 * size)
     rounds = len(POLISH_WIDTHS) * POLISH_SAMPLES * size
-    return problem.runs * (scan + climbs + rounds + 1)
+    return problem.runs * (scan + ascents + rounds + 1)
 
 
 def _search(
     problem: Problem, counts: tuple[int, int, int], seed: int, robust_request: RobustnessRequest | None, ticker: Ticker
 ) -> Tuned:
-    """Scan, climb, sample around the best design, and simulate the winner again."""
+    """Scan, ascend, sample around the best design, and simulate the winner again."""
     from scipy.stats import qmc
 
     (scan, n_starts, updates), size = counts, len(problem.over)
     cube = qmc.Sobol(size, rng=np.random.default_rng(seed)).random_base2(int(np.ceil(np.log2(scan))))[:scan]
     scanned = judge_designs(problem, problem.values(cube), ticker)
     best_first = np.argsort(-scanned.score, kind="stable")[:n_starts]
-    paths = climb_paths(problem, cube[best_first], DesignJudgement(*(a[best_first] for a in scanned)), updates, ticker)
+    paths = ascent_paths(problem, cube[best_first], DesignJudgement(*(a[best_first] for a in scanned)), updates, ticker)
     best_path = int(np.argmax(paths.scores[-1]))
     random = np.random.default_rng(seed)
     end, score = paths.points[-1, best_path], paths.scores[-1, best_path]

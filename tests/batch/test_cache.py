@@ -6,7 +6,7 @@ import pytest
 from jax.experimental.compilation_cache import compilation_cache
 
 import jaxshroud as js
-from jaxshroud.batch.cache import cache_folder
+from jaxshroud.batch.compilation_cache import cache_folder
 
 
 @pytest.fixture

@@ -99,7 +99,7 @@ def test_fused_and_plain_trials_agree(table1, name, motion):
     got, expected = trials(fused), trials(vmapped)
     np.testing.assert_array_equal(got.step, expected.step)
     np.testing.assert_array_equal(got.state.mode, expected.state.mode)
-    assert (got.tally.log.counters.onset_slip + got.tally.log.counters.onset_stick).sum() > 0
+    assert (got.accumulator.log.counters.onset_slip + got.accumulator.log.counters.onset_stick).sum() > 0
     close = lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)
     jax.tree.map(close, got.state.motion, expected.state.motion)
 

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch import pace
+from jaxshroud.batch import limits as pace
 from jaxshroud.batch.flows import as_differentiable
-from jaxshroud.batch.pace import CallPace
+from jaxshroud.batch.limits import CallPace
 from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.tangents import TangentProblem, batched_tangents, direction
 from jaxshroud.march.method import explicit

@@ -10,7 +10,7 @@ from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.states import from_vector, to_vector
 from jaxshroud.batch.tangents import direction, run_flow
 from jaxshroud.batch.xla import repeat_lane
-from jaxshroud.march import row_event_time
+from jaxshroud.march import row_step as row_event_time
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.modes import Mode, Status

@@ -24,8 +24,8 @@ from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.tableau import TaylorOptions, tableau
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import initial_state
-from jaxshroud.motion.batched_algorithms import run_alone
-from jaxshroud.motion.lyapunov import MAX_ALIGNMENT_PERIODS, state_after
+from jaxshroud.orbits.batched_algorithms import run_alone
+from jaxshroud.orbits.lyapunov import MAX_ALIGNMENT_PERIODS, state_after
 from jaxshroud.scene.layout import PAIR
 
 STEPS = 400
@@ -182,7 +182,7 @@ def test_largest_exponent_is_that_of_two_trajectories(gamma, monkeypatch):
     # Along one and the same motion, so that nothing but the derivative differs; the first periods align the directions.
     scene, n = scene_at(gamma), 300
     monkeypatch.setattr(
-        importlib.import_module("jaxshroud.motion.lyapunov"), "ALIGNMENT_TOLERANCE", -1.0
+        importlib.import_module("jaxshroud.orbits.lyapunov"), "ALIGNMENT_TOLERANCE", -1.0
     )  # never alike: the longest alignment
     found = lyapunov(scene, n_periods=n)
     by_distance = two_trajectories(scene, settled_state(scene), MAX_ALIGNMENT_PERIODS + n)[-n:].mean()

@@ -18,11 +18,11 @@ import numpy as np
 from jaxshroud import load
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest, stiffness_ratio
-from jaxshroud.motion.averages import least_tilt
-from jaxshroud.motion.short_runs import HORIZON, end_states, state_errors
+from jaxshroud.orbits.short_runs import HORIZON, end_states, state_errors
 from jaxshroud.scene.vary import vary
-from jaxshroud.verbs.accuracy import PARALLEL, PARALLEL_TILT, STIFFNESS_CLASSES, TILTED
-from jaxshroud.verbs.setting import LEVELS, Setting, by_series
+from jaxshroud.signals.averages import least_tilt
+from jaxshroud.verbs.asked import LEVELS, Setting, by_series
+from jaxshroud.verbs.plan import PARALLEL, PARALLEL_TILT, STIFFNESS_CLASSES, TILTED
 from jaxshroud.verbs.trade import REFERENCE_SETTING
 
 MARGIN, SHARE, LANES = 3.0, 0.98, 64

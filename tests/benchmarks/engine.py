@@ -89,7 +89,7 @@ def trials(p: Problem, method: Choices, steps: int) -> tuple[float, float]:
     lanes, made = begin_lanes(scenes, initial_states(scenes), method), jnp.zeros(len(p.gamma), jnp.int32)
     for _ in range(PERIODS):
         lanes, made = period(lanes, made)
-    counters = vars(lanes.tally.log.counters)
+    counters = vars(lanes.accumulator.log.counters)
     events = sum(np.sum(np.asarray(a)) for name, a in counters.items() if name != "grazing")
     return float(np.mean(made)) / PERIODS, float(events) / len(p.gamma) / PERIODS
 

@@ -18,7 +18,7 @@ from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import best_mapping
 from jaxshroud.march.method import FAST
 from jaxshroud.scene.grids import grid_of_scenes
-from jaxshroud.scene.parts import Parts
+from jaxshroud.scene.layout import Parts
 from jaxshroud.scene.scene import Scene, with_parts
 
 pytestmark = pytest.mark.benchmark

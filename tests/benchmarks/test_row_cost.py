@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 import jaxshroud as js
-from jaxshroud.march.tally import Counters
+from jaxshroud.march.accumulator import Counters
 
 RESULTS = Path(__file__).parent / "results"
 BLADES, LANES, PERIODS, ROUNDS = (2, 4, 8, 16, 32, 64), 64, 2, 3

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxshroud.cache.programs import kept
 from jaxshroud.cli import terminal
 from jaxshroud.cli.terminal import LINE_INTERVAL, ProgressLines
-from jaxshroud.motion.batched_algorithms import StagedProgress, run_together
-from jaxshroud.programs.kept import kept
+from jaxshroud.orbits.batched_algorithms import StagedProgress, run_together
 
 
 class Clock:

@@ -23,20 +23,18 @@ from jaxshroud.cli import explore as command
 from jaxshroud.explorer.centre import Centre
 from jaxshroud.explorer.controls import Controls
 from jaxshroud.explorer.diagram import Amount, Window, diagram, joined
-from jaxshroud.explorer.diagram_panel import DiagramPanel
 from jaxshroud.explorer.engine import Message, Service
-from jaxshroud.explorer.exploration import Exploration, method_on_page
-from jaxshroud.explorer.fields import in_si, number_fields
-from jaxshroud.explorer.jobs import Methods
-from jaxshroud.explorer.look import Recolouring, root
-from jaxshroud.explorer.opening import redirecting_file
+from jaxshroud.explorer.exploration import Exploration, in_si, method_on_page, number_fields
+from jaxshroud.explorer.jobs import Methods, RunWish
+from jaxshroud.explorer.panels import DiagramPanel
 from jaxshroud.explorer.saves import STATIC_ROOTS, static_page
-from jaxshroud.explorer.wishes import RunWish
+from jaxshroud.explorer.server import redirecting_file
+from jaxshroud.explorer.styles import Recolouring, root
 from jaxshroud.explorer.worker import Outdated
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.checks import InputError, SceneError
 from jaxshroud.scene.keys import ALL_KEYS
-from jaxshroud.scene.shown import read_shown, shown_text
+from jaxshroud.scene.text import read_shown, shown_text
 
 ROOT = Path(js.__file__).parent
 OF_THE_EXTRA = {"bokeh", "tornado", "jinja2"}

@@ -14,7 +14,7 @@ from scipy.io import loadmat
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
 from jaxshroud.io.convert import convert
-from jaxshroud.io.csv_columns import read_csv
+from jaxshroud.io.csv_text import read_csv
 from jaxshroud.io.measurements import read_measurements
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.designs import read_designs

@@ -11,9 +11,9 @@ from side_by_side import EXACT, counts, ends, energy_residual, relative_error, r
 from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.tangents import direction, tangents
 from jaxshroud.io.lane_status import LaneWarning
+from jaxshroud.march.accumulator import Counters
 from jaxshroud.march.events import evaluate_guards
 from jaxshroud.march.method import FAST_WITH_LEDGER, REFERENCE, RungeKutta
-from jaxshroud.march.tally import Counters
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import State, as_pairs, prepared_model
 from jaxshroud.model.rhs import Recorded, rhs

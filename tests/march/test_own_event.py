@@ -19,17 +19,17 @@ from jaxshroud.batch.periods import begin_lanes
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import initial_states
+from jaxshroud.cache.key import UnknownPartError, description
+from jaxshroud.march.accumulator import Counters
 from jaxshroud.march.event import Event, guards_after_event
 from jaxshroud.march.events import EVENTS
 from jaxshroud.march.guards import ContactNow, Guard, Guards
 from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.tableau import TaylorOptions
-from jaxshroud.march.tally import Counters
 from jaxshroud.model.arithmetic import where
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.spring_contact import SpringContact
-from jaxshroud.programs.key import UnknownPartError, description
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.grids import scenes_at
 
@@ -143,7 +143,7 @@ def test_an_event_is_counted_as_often_as_many_samples_rise_beyond_the_depth(layo
 
 def test_an_event_at_the_instant_of_an_onset_is_counted_beside_it(layout):
     run = marched(layout)
-    onsets = run.last.tally.log.counters.onset_slip
+    onsets = run.last.accumulator.log.counters.onset_slip
     np.testing.assert_array_equal(counts(run, "onset")[:, -1], np.reshape(onsets, (len(GAMMAS), -1)))
 
 

@@ -17,7 +17,7 @@ from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import initial_states
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import tableau
-from jaxshroud.model.arithmetic import ABSENT, Scalar, where
+from jaxshroud.model.arithmetic import ZERO, Scalar, where
 from jaxshroud.model.contact_law import (
     ContactLaw,
     ContactPoint,
@@ -66,7 +66,7 @@ class CubicContact(ContactLaw):
     def forces(self, point: ContactPoint) -> LawForces:
         N = where(point.mode == Mode.APART, 0.0, self.pressed(point.at.v))
         F = self.k_d * self.stretch(point.at.v, point.at.u, point.u_s, point.mode)
-        return LawForces(N, F, ABSENT)
+        return LawForces(N, F, ZERO)
 
     def stretch(self, v: Scalar, u: Scalar, u_s: Slider, mode: Modes) -> Slider:
         return where(mode == Mode.STICK, u - u_s, self.slip_stretch(v, mode))

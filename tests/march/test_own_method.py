@@ -15,15 +15,15 @@ import jaxshroud as js
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import initial_states
+from jaxshroud.cache.key import UnknownPartError, description
+from jaxshroud.march.accumulator import Log
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.logged import BUILT_IN, observables_of
 from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.observable import Beginning, BladeTrial, InterfaceTrial, Observable, from_zero
 from jaxshroud.march.tableau import Tableau
-from jaxshroud.march.tally import Log
 from jaxshroud.model.arithmetic import where
 from jaxshroud.model.modes import Mode
-from jaxshroud.programs.key import UnknownPartError, description
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.grids import scenes_at
 

@@ -9,7 +9,7 @@ import jaxshroud as js
 from jaxshroud import sweep as sweep_verb
 from jaxshroud.batch import marches, sampling, stepped_runs
 from jaxshroud.model.prepared import initial_state
-from jaxshroud.motion.shooting import CLOSING_TOLERANCE
+from jaxshroud.orbits.shooting import CLOSING_TOLERANCE
 
 SINGLE = js.RungeKutta(precision="float32")
 STEPS = {"method": SINGLE.replace(steps=100)}

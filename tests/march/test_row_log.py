@@ -49,7 +49,7 @@ def test_extremes_are_those_within_steps():
 
 def test_what_is_not_requested_is_not_logged():
     scenes = scenes_at(js.load("row_ring12", CHAIN).scene, ["contact.gamma"], GAMMAS)
-    log = begin_rows(scenes, initial_states(scenes), FAST).tally.log
+    log = begin_rows(scenes, initial_states(scenes), FAST).accumulator.log
     assert (log.within, log.forces, log.impacts, log.extent) == (None,) * 4
 
 

@@ -18,13 +18,13 @@ import jaxshroud as js
 from jaxshroud.batch.rows import lanes_last
 from jaxshroud.batch.xla import vmapped
 from jaxshroud.march import row_trial
-from jaxshroud.model.arithmetic import ABSENT
+from jaxshroud.model.arithmetic import ZERO
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Recorded
 from jaxshroud.model.row import prepared_row, row_rhs
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.parts import Parts
+from jaxshroud.scene.layout import Parts
 from jaxshroud.scene.scene import with_parts
 
 STEPS, FINE = 400, 6400
@@ -280,7 +280,7 @@ def stuck_frequencies(p):
 
     def accelerations(q):
         x, y = q.reshape(2, p.blades, 1)
-        motion = Motion(x, y, ABSENT, jnp.zeros_like(x), jnp.zeros_like(y), ABSENT)
+        motion = Motion(x, y, ZERO, jnp.zeros_like(x), jnp.zeros_like(y), ZERO)
         now = State(motion, jnp.zeros(interfaces), *stuck)
         a = row_rhs(wave, now, None, model, Recorded(), vmapped)[0].acceleration
         return jnp.concatenate([a.x[:, 0], a.y[:, 0]])

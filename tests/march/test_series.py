@@ -12,18 +12,18 @@ from side_by_side import counts, ends, energy_residual, relative_error, run, sce
 
 import jaxshroud as js
 from jaxshroud import Status, load, vary
+from jaxshroud.batch.runs import trajectories
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.states import initial_states
-from jaxshroud.batch.trajectories import trajectories
 from jaxshroud.march.carry import Fixed, time_grid
 from jaxshroud.march.events import EVENTS, evaluate_guards
+from jaxshroud.march.extremes import _polynomial_maximum
 from jaxshroud.march.method import Choices, method_as_json, method_from_json
-from jaxshroud.march.series_extremes import _polynomial_maximum
 from jaxshroud.march.stepper import begin_lane
 from jaxshroud.march.tableau import TaylorOptions, tableau
 from jaxshroud.march.taylor_events import first_event, return_length
 from jaxshroud.march.taylor_expansion import per_radian, taylor_expansion
-from jaxshroud.model.arithmetic import is_absent
+from jaxshroud.model.arithmetic import is_zero
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import State, prepared_model
@@ -193,17 +193,17 @@ def test_motion_events_and_energy_are_those_of_the_fine_march(scenes, fine, meth
     error = relative_error(ends(got), ends(fine), sizes(fine))
     # Impacts multiply what a step errs by, its tolerance at most, some tens of times in three periods.
     assert np.all(error <= max(100 * method.taylor.tolerance, 1e-11))
-    for name in vars(fine.last.tally.log.counters):
+    for name in vars(fine.last.accumulator.log.counters):
         if name != "grazing":
             np.testing.assert_array_equal(counts(got, name), counts(fine, name), name)
     residual = np.abs(got.samples.residual.sum(-1)) / got.samples.gross.sum(-1)
     assert np.all(residual <= max(method.taylor.tolerance, 1e-12))
     near = max(100 * method.taylor.tolerance, 1e-11)
     np.testing.assert_allclose(got.samples.power[..., 0], fine.samples.power[..., 0], rtol=near)
-    for mine, theirs in zip(got.last.tally.log.times, fine.last.tally.log.times, strict=True):
+    for mine, theirs in zip(got.last.accumulator.log.times, fine.last.accumulator.log.times, strict=True):
         np.testing.assert_allclose(mine, theirs, atol=1e-5 * float(scenes[0].drive.period))
     # The reference looks at the ends of its steps only, of which it has 2,000 a period.
-    np.testing.assert_allclose(got.last.tally.log.v_max, fine.last.tally.log.v_max, rtol=1e-4)
+    np.testing.assert_allclose(got.last.accumulator.log.v_max, fine.last.accumulator.log.v_max, rtol=1e-4)
 
 
 def test_a_trial_does_not_outlast_a_quick_return():
@@ -353,7 +353,7 @@ def test_an_absent_number_stays_absent_beside_series():
     series = Series(lambda n: jnp.asarray(float(n)))
     absent = load("table1", ['parts.motion=["x"]']).scene
     ready = prepared_model(absent)
-    assert is_absent(series * ready.mobility.inverse.theta[0])
+    assert is_zero(series * ready.mobility.inverse.theta[0])
     assert (series + ready.mobility.inverse.theta[0]) is series
 
 

@@ -52,7 +52,7 @@ def marched_alone(method):
 def test_a_lane_marches_alone_as_beside_others(method, marched_alone):
     # The same operations in two programs: to rounding, which 60 trials and some impacts multiply.
     beside = jax.jit(lambda gaps: after_trials(gaps, jnp.int32(STEPS), method, vmapped))(GAPS)
-    assert (beside.tally.log.counters.onset_slip > 0).any()  # control: they have met events
+    assert (beside.accumulator.log.counters.onset_slip > 0).any()  # control: they have met events
     for i, gap in enumerate(GAPS):
         lane = marched_alone(gap, np.int32(STEPS))
         close = lambda a, b, i=i: np.testing.assert_allclose(b[i], a, rtol=1e-9, atol=1e-13)

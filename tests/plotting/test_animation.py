@@ -7,8 +7,8 @@ import pytest
 from PIL import Image
 from test_plot_contact import HALF, run
 
-from jaxshroud.plotting.animation import PairFilm, save_animation
-from jaxshroud.plotting.film import last_frames, stored_blocks
+from jaxshroud.plotting.animation import PairAnimation, save_animation
+from jaxshroud.plotting.frames import last_frames, stored_blocks
 from jaxshroud.plotting.run_data import run_data
 from jaxshroud.scene.checks import InputError
 
@@ -23,14 +23,14 @@ def still(n_periods=3):
     return ds
 
 
-def film(ds, factor):
+def animation(ds, factor):
     at = run_data(ds)
-    return PairFilm(last_frames(at, 1), stored_blocks(ds), factor, "")
+    return PairAnimation(last_frames(at, 1), stored_blocks(ds), factor, "")
 
 
 def test_blocks_have_their_shape_and_move_by_the_factor():
     ds = still()
-    shown = film(ds, 10.0)
+    shown = animation(ds, 10.0)
     shown.show(15)  # a quarter of the period: x_1 = 1 mm, x_2 = -1 mm
     left, right = (shape.get_xy()[:4] for shape in shown.shapes)
     sides = np.linalg.norm(np.diff(left, axis=0, append=left[:1]), axis=1)
@@ -42,7 +42,7 @@ def test_blocks_have_their_shape_and_move_by_the_factor():
 
 
 def test_forces_act_at_the_contact_point_and_are_opposite():
-    shown = film(still(), 1.0)
+    shown = animation(still(), 1.0)
     shown.show(15)
     corner = shown.shapes[0].get_xy()[0]  # a: the upper one of the contact face
     np.testing.assert_allclose(shown.arrows.get_offsets(), np.tile(corner, (4, 1)), atol=1e-12)

@@ -39,7 +39,7 @@ def lengths(figure):
 
 
 def test_a_loop_that_the_branch_passes_twice_is_drawn_once():
-    # Dashes over other dashes look solid, that is stable. Pieces at the turn are drawn twice: 2 of 100.
+    # Dashes over other dashes appearance solid, that is stable. Pieces at the turn are drawn twice: 2 of 100.
     once, twice = (picture("branch", branch_of(*around(n, turns))) for n, turns in ((100, 0.5), (200, 1.0)))
     np.testing.assert_allclose(lengths(drawn(twice)), lengths(drawn(once)), rtol=0.03)
 

@@ -8,7 +8,7 @@ from test_plot import drawn, texts
 
 from jaxshroud.plotting.pictures import picture
 from jaxshroud.plotting.style import BLUE, INK, ORANGE
-from jaxshroud.results.campbell import Campbell, NaturalMode, crossings_between
+from jaxshroud.results.data_sheet import Campbell, NaturalMode, crossings_between
 
 RPM = 2 * np.pi / 60  # rad/s
 

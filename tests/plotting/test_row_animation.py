@@ -7,8 +7,8 @@ import xarray as xr
 import jaxshroud as js
 from jaxshroud.model.modes import Mode
 from jaxshroud.plotting.animation import MILLIMETRES, save_animation
-from jaxshroud.plotting.film import last_frames, stored_blocks
-from jaxshroud.plotting.row_film import RowFilm
+from jaxshroud.plotting.frames import last_frames, stored_blocks
+from jaxshroud.plotting.row_animation import RowAnimation
 from jaxshroud.plotting.run_data import run_data
 from jaxshroud.scene.keys import Motion
 
@@ -31,10 +31,10 @@ def stored(closed, x=0.0):
     return xr.Dataset(data, {"time": tau / OMEGA}, attrs | {"status": 0, "gap": GAP, "kind": "trajectory"})
 
 
-def film(ds, factor):
+def animation(ds, factor):
     run = run_data(ds, scale=MILLIMETRES)
     assert run is not None
-    return RowFilm(last_frames(run, 1), stored_blocks(ds), factor, "")
+    return RowAnimation(last_frames(run, 1), stored_blocks(ds), factor, "")
 
 
 def faces(shown):
@@ -44,7 +44,7 @@ def faces(shown):
 
 
 def test_a_ring_closes_and_its_gaps_are_to_scale():
-    shown = film(stored(closed=True), 10.0)
+    shown = animation(stored(closed=True), 10.0)
     shown.show(0)
     radius = BLADES * (0.05 + 10 * GAP) / (2 * np.pi)
     corners = faces(shown)
@@ -61,7 +61,7 @@ def test_a_ring_closes_and_its_gaps_are_to_scale():
 
 @pytest.mark.parametrize("closed", [True, False])
 def test_marks_are_where_blocks_touch_and_nothing_leaves_the_frame(closed):
-    shown = film(stored(closed, x=1e-3), 5.0)
+    shown = animation(stored(closed, x=1e-3), 5.0)
     shown.fix_layout()
     (left, right), (low, high) = shown.figure.axes[0].get_xlim(), shown.figure.axes[0].get_ylim()
     marked = []

@@ -100,14 +100,14 @@ def test_a_sweep_of_another_key_has_no_false_title():
 
 
 def test_title_label_unit_and_width_are_as_asked(tmp_path):
-    look = dict(title="Damping by P_d", xlabel="ratio gamma", unit="um", width=90)
-    figure = drawn(picture("sweep", gamma_sweep(9), **look))
+    appearance = dict(title="Damping by P_d", xlabel="ratio gamma", unit="um", width=90)
+    figure = drawn(picture("sweep", gamma_sweep(9), **appearance))
     assert figure.get_suptitle() == "Damping by $P_{d}$"
     assert figure.get_figwidth() * 25.4 == pytest.approx(90)
     assert figure.axes[2].get_xlabel() == r"ratio $\gamma$"
     assert figure.axes[0].get_ylabel() == "$x_1$ [µm]"
     gap = sweep({"gap": (np.array([1e-5, 2e-5]), "shroud.gap", "m")}, np.full((2, 3), 0.52), [1, 2])
-    panel = drawn(picture("sweep", gap, **look)).axes[2]
+    panel = drawn(picture("sweep", gap, **appearance)).axes[2]
     np.testing.assert_allclose(panel.lines[0].get_xdata(), [10, 20])
     assert drawn(picture("sweep", gamma_sweep(9), title="")).get_suptitle() == ""
 

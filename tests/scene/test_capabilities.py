@@ -7,9 +7,8 @@ import pytest
 import jaxshroud as js
 from jaxshroud import cli
 from jaxshroud.cli.command_table import COMMANDS
-from jaxshroud.scene.capabilities import CAPABILITIES, LIMITED, NO_CONTACT, holders, require_capability
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.layout import PAIR, row_layout
+from jaxshroud.scene.layout import CAPABILITIES, LIMITED, NO_CONTACT, PAIR, holders, require_capability, row_layout
 
 LAYOUTS = {"pair": PAIR, "chain": row_layout(3, False), "ring": row_layout(3, True)}
 SCENES = {"pair": "row_chain5", "pair so far": "row_chain5", "rows": "table1"}  # without what a holder has

@@ -13,10 +13,10 @@ import pytest
 
 from jaxshroud.cli.terminal import MAX_MESSAGE_LENGTH
 from jaxshroud.scene import schema, units
-from jaxshroud.scene.axes import axis
 from jaxshroud.scene.checks import SceneError
 from jaxshroud.scene.config import load, parse
-from jaxshroud.scene.parts import MISPRINTS
+from jaxshroud.scene.layout import MISPRINTS
+from jaxshroud.scene.overrides import axis
 from jaxshroud.scene.shipped import aliases, shipped
 from jaxshroud.scene.units import COMMON_FACTORS, _registry, to_si
 from jaxshroud.scene.vary import NUMERIC_KEYS

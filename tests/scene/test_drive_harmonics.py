@@ -8,9 +8,8 @@ from jaxshroud.io.scene_numbers import dimension, key_label
 from jaxshroud.scene.checks import SceneError
 from jaxshroud.scene.config import axis, load, parse
 from jaxshroud.scene.engine_order import order_of_drive
-from jaxshroud.scene.numbers import numbers_of
 from jaxshroud.scene.text import tables_of, text_of, words_of
-from jaxshroud.scene.vary import numbers_that_count, with_numbers
+from jaxshroud.scene.vary import numbers_of, numbers_that_count, with_numbers
 
 FIRST = '[[drive.harmonic]]\norder = 1\nF = 60\nbeta = "30 deg"\nM = 0.1\n'
 SECOND = '[[drive.harmonic]]\norder = 2\nF = [25.0, 40.0]\nbeta = "30 deg"\nphase = [0.3, 1.9]\n'

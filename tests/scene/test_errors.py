@@ -7,8 +7,8 @@ from jaxshroud.cli import terminal
 from jaxshroud.io import files
 from jaxshroud.march import stability
 from jaxshroud.scene import checks, config
-from jaxshroud.scene.axes import axis
 from jaxshroud.scene.config import parse
+from jaxshroud.scene.overrides import axis
 
 
 @pytest.mark.parametrize(

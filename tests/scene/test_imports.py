@@ -25,7 +25,7 @@ def imported(program: str) -> set[str]:
         ("import jaxshroud", set()),
         ("import jaxshroud\njaxshroud.shipped()", set()),
         ("from jaxshroud.scene.shipped import shipped\nshipped()", set()),
-        ("import jaxshroud.scene.keys, jaxshroud.scene.checks, jaxshroud.scene.parts, jaxshroud.scene.checks", set()),
+        ("import jaxshroud.scene.keys, jaxshroud.scene.checks, jaxshroud.scene.layout, jaxshroud.scene.checks", set()),
         (PLAIN, READ),
         (PLAIN + "text = load('table1').text()\nassert '[shroud]' in text", READ),
         (PLAIN + "axis(load('table1'), 'shroud.gap', ['1 um', '2 mm'])", READ),

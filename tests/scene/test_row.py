@@ -13,18 +13,15 @@ import pytest
 import jaxshroud as js
 from jaxshroud.batch.states import initial_states
 from jaxshroud.io.scene_numbers import dimension, key_label
-from jaxshroud.scene.axes import axis
-from jaxshroud.scene.capabilities import LIMITED
 from jaxshroud.scene.checks import InputError, KeyNameError, SceneError
 from jaxshroud.scene.config import load, parse
 from jaxshroud.scene.keys import ALL_KEYS, ROW_KEYS, find_key, number_shape
-from jaxshroud.scene.layout import row_layout
-from jaxshroud.scene.numbers import numbers_of
-from jaxshroud.scene.parts import MISPRINTS
+from jaxshroud.scene.layout import LIMITED, MISPRINTS, row_layout
+from jaxshroud.scene.overrides import axis
 from jaxshroud.scene.scene import Row, with_laws, with_parts
 from jaxshroud.scene.text import text_of
-from jaxshroud.scene.vary import numbers_that_count, with_numbers
-from jaxshroud.verbs.leading_axes import leading_axes
+from jaxshroud.scene.vary import numbers_of, numbers_that_count, with_numbers
+from jaxshroud.verbs.arguments import leading_axes
 from jaxshroud.verbs.options import resolve_options
 
 RING, CHAIN = "row_ring12", "row_chain5"

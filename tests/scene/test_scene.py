@@ -10,8 +10,8 @@ import pytest
 
 from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.fields import per_blade
+from jaxshroud.scene.layout import MISPRINTS
 from jaxshroud.scene.optional import WITHOUT_EFFECT
-from jaxshroud.scene.parts import MISPRINTS
 from jaxshroud.scene.scene import Contact, Friction
 from jaxshroud.scene.vary import NUMERIC_KEYS, vary
 

@@ -9,7 +9,7 @@ import pytest
 from jaxshroud.scene.config import SceneError, load, parse
 from jaxshroud.scene.keys import ALL_KEYS, number_shape
 from jaxshroud.scene.layout import PAIR, row_layout
-from jaxshroud.scene.shown import override_of, read_shown, shown_text
+from jaxshroud.scene.text import override_of, read_shown, shown_text
 
 VALUES = 1000  # of each key and shape
 SHAPES = PAIR, row_layout(3, False), row_layout(12, True)  # of the pair, of a chain and of a ring

@@ -19,11 +19,11 @@ from branches import ALL, METHOD, STEPS, X_RIGID, Drawn, X, drawn, kept
 
 import jaxshroud as js
 from jaxshroud.march.method import FAST, choices
-from jaxshroud.motion.attractors import FoundAttractors, attractors_of
-from jaxshroud.motion.orbit_distance import set_distance
-from jaxshroud.motion.random_starts import START_SPREAD, random_starts
-from jaxshroud.motion.shooting import ShootingOptions
+from jaxshroud.orbits.attractors import FoundAttractors, attractors_of
+from jaxshroud.orbits.shooting import ShootingOptions
+from jaxshroud.orbits.starts import START_SPREAD, random_starts
 from jaxshroud.results.attractors import share_interval
+from jaxshroud.signals.orbit_distance import set_distance
 
 SEED, DRAWN, SCENES, FEW, SAMPLE, MANY, MOST = 1, 400, 22, 64, 256, 4096, 768
 COARSE = 80  # RK4 steps a period of bending in x alone

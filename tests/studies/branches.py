@@ -26,9 +26,9 @@ import jax
 import numpy as np
 
 import jaxshroud as js
-from jaxshroud.motion.orbit_distance import set_distance
 from jaxshroud.results.branch import BIFURCATION_KINDS
 from jaxshroud.scene.scene import Scene
+from jaxshroud.signals.orbit_distance import set_distance
 
 SEED, SCENES, WANTED = 0, 64, 48
 ASIDE, PUSH, LEFT, NEAR = 1e-3, 1e-2, 0.02, 1e-4

@@ -31,8 +31,8 @@ from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import choices
 from jaxshroud.model.linear import area
-from jaxshroud.motion.averages import Reduction, reduction
-from jaxshroud.motion.statistics import confidence_interval
+from jaxshroud.signals.averages import Reduction, reduction
+from jaxshroud.signals.statistics import confidence_interval
 from jaxshroud.verbs.power import FIRST_PERIODS, is_converged
 
 RHOS, LENGTHS, REPLICATIONS, MOST = (0.0, 0.5, 0.8, 0.9), (64, 512, 2048), 1000, 16384

@@ -22,7 +22,7 @@ import reference
 
 from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.tableau import tableau
-from jaxshroud.motion.short_runs import motions_at
+from jaxshroud.orbits.short_runs import motions_at
 from jaxshroud.scene.scene import Scene
 from jaxshroud.version import __version__
 
@@ -45,7 +45,7 @@ def flat_scenes(count: int, seed: int, periods: int = PERIODS) -> tuple[list[ref
     """The first scenes of so many draws that reach flat contact, and their states (lanes, 12) at the end."""
     scenes = drawn(count, seed)
     coarse = marched(scenes, periods, 1600, FAST)
-    lanes = np.flatnonzero(coarse.last.tally.log.counters.flat > 0)[:SCENES]
+    lanes = np.flatnonzero(coarse.last.accumulator.log.counters.flat > 0)[:SCENES]
     chosen = at(scenes, lanes)
     fine = marched(chosen, periods, STEPS, Choices(tableau("dopri8"), "cubic", False))
     return [parameters(jax.tree.map(jnp.asarray, at(scenes, i))) for i in lanes], motions_at(fine.samples, periods - 1)

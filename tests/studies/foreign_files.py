@@ -34,7 +34,7 @@ import xarray as xr
 from jaxshroud.cli.commands import main as command
 from jaxshroud.cli.terminal import make_directory
 from jaxshroud.io import files
-from jaxshroud.io.csv_columns import read_csv
+from jaxshroud.io.csv_text import read_csv
 from jaxshroud.io.measurements import read_measurements
 from jaxshroud.io.store import write_dataset
 from jaxshroud.scene.checks import InputError

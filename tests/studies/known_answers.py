@@ -26,10 +26,10 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxshroud as js
-from jaxshroud.motion.lyapunov import first_frames, mean_exponents, next_frames
-from jaxshroud.motion.period import PERIOD_TOLERANCE, closing_tolerances, recurrence
-from jaxshroud.motion.verdict import CHAOTIC_K, REGULAR_K
-from jaxshroud.motion.verdict_evidence import zero_one
+from jaxshroud.orbits.lyapunov import first_frames, mean_exponents, next_frames
+from jaxshroud.orbits.verdict import CHAOTIC_K, REGULAR_K
+from jaxshroud.orbits.verdict_evidence import zero_one
+from jaxshroud.signals.period import PERIOD_TOLERANCE, closing_tolerances, recurrence
 
 SEED, LENGTH, PERIODS, EACH, DRIFTS, TORI, CHAOTIC = 5, 512, range(1, 17), 12, 24, 32, 32
 PUSHES = 5_000  # Jacobians of each system

@@ -26,10 +26,10 @@ import extended
 import reference
 from side_by_side import scene_of
 
-from jaxshroud.motion.short_runs import HORIZON, end_states, state_errors
+from jaxshroud.orbits.short_runs import HORIZON, end_states, state_errors
 from jaxshroud.scene.scene import Scene
-from jaxshroud.verbs.accuracy import choose, missed_lanes
-from jaxshroud.verbs.setting import Choice
+from jaxshroud.verbs.asked import Choice
+from jaxshroud.verbs.plan import choose, missed_lanes
 from jaxshroud.version import __version__
 
 FILE = Path(__file__).with_suffix(".npz")

@@ -20,9 +20,9 @@ from realistic import at, drawn  # noqa: E402
 
 from jaxshroud.march.method import Choices  # noqa: E402
 from jaxshroud.march.tableau import TaylorOptions, tableau  # noqa: E402
-from jaxshroud.motion.short_runs import end_states, state_errors  # noqa: E402
+from jaxshroud.orbits.short_runs import end_states, state_errors  # noqa: E402
 from jaxshroud.scene.scene import Scene  # noqa: E402
-from jaxshroud.verbs.accuracy import choose  # noqa: E402
+from jaxshroud.verbs.plan import choose  # noqa: E402
 
 SCENES, SEED, ASKED, FINER = 100, 21, (1e-2, 1e-3, 1e-6, 1e-9), 16
 FINE = (Choices(TaylorOptions(16, 1e-14), "series", False), Choices(tableau("dopri8"), "cubic", False))

@@ -27,9 +27,9 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.linear import area
 from jaxshroud.model.modes import Status
-from jaxshroud.motion.averages import averages
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.valid import in_precision
+from jaxshroud.signals.averages import averages
 from jaxshroud.version import __version__
 
 FAST = Plan(160, 48, 100, 0.0, Choices(tableau("tsit5"), "cubic", False, "float32"))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.parts import MISPRINTS
+from jaxshroud.scene.layout import MISPRINTS
 from jaxshroud.scene.scene import Contact, Drive, Friction, Scene, Shroud
 
 Floats = NDArray[np.float64]

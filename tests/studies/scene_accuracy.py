@@ -36,8 +36,8 @@ from jaxshroud.batch.runs import run_lanes  # noqa: E402
 from jaxshroud.batch.states import final_states, initial_states  # noqa: E402
 from jaxshroud.march.method import FAST, Method, choices  # noqa: E402
 from jaxshroud.model.prepared import State  # noqa: E402
-from jaxshroud.motion.averages import averages  # noqa: E402
 from jaxshroud.scene.layout import PAIR  # noqa: E402
+from jaxshroud.signals.averages import averages  # noqa: E402
 from jaxshroud.verbs.options import resolve_options  # noqa: E402
 from jaxshroud.verbs.plan import plan_march  # noqa: E402
 

@@ -8,7 +8,7 @@ tells, of the scenes that have come to their end in both:
   what the second opinion itself moves by between its tolerances of 1e-11 and 1e-12, and how far it and the series are
   from a fine march by Dormand-Prince 8: who is at fault;
 - the residual of the energy balance over the gross work of the drive;
-- for the ten orbits of `tests/motion/test_orbit.py`, how far the gradients of P_d by all parameters are from those by
+- for the ten orbits of `tests/orbits/test_orbit.py`, how far the gradients of P_d by all parameters are from those by
   Dormand-Prince 8, over the largest component, each by a relative change of its parameter.
 """
 

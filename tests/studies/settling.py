@@ -31,9 +31,9 @@ from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import final_states, initial_states
 from jaxshroud.march.method import choices
 from jaxshroud.model.linear import area
-from jaxshroud.motion.averages import displacements, half_diagonal, period_maxima, reduction
-from jaxshroud.motion.period import closing_tolerances, repetition
 from jaxshroud.scene.grids import scenes_at
+from jaxshroud.signals.averages import displacements, half_diagonal, period_maxima, reduction
+from jaxshroud.signals.period import closing_tolerances, repetition
 
 KEYS = ("blades.c_x", "contact.gamma", "drive.F_0", "drive.M_0", "shroud.gap")
 LIGHTEST, HEAVIEST, SCENES, GROUPS = 0.02, 4.0, 300, 5  # c_x in N s/m; a group is marched together

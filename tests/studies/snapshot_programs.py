@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxshroud as js
-from jaxshroud.programs.kept import keep_programs
+from jaxshroud.cache.programs import keep_programs
 
 GAP, OMEGA = 22e-6, 536.0  # [m], [rad/s]
 STEPS = 400
@@ -232,7 +232,7 @@ def row_tangents(scene: js.Scene, how: Any) -> tuple[Any, ...]:
     """A period of a row with the tangents that Newton's method and gradients take."""
     from jaxshroud.batch.flows import as_differentiable
     from jaxshroud.batch.periods import one_call
-    from jaxshroud.batch.row_tangents import ROW_FLOWS
+    from jaxshroud.batch.rows import ROW_FLOWS
     from jaxshroud.batch.states import initial_states
     from jaxshroud.batch.tangents import TangentProblem, direction
     from jaxshroud.batch.xla import best_mapping

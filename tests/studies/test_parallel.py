@@ -5,7 +5,7 @@ import parallel
 import pytest
 import reference
 
-from jaxshroud.motion.short_runs import state_errors
+from jaxshroud.orbits.short_runs import state_errors
 
 pytestmark = pytest.mark.studies
 

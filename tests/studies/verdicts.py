@@ -38,13 +38,13 @@ from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import final_states, initial_states, to_vector
 from jaxshroud.batch.states import motion_rows as rows_of
 from jaxshroud.march.method import choices
-from jaxshroud.motion.averages import closing_tolerances_of, displacements
-from jaxshroud.motion.batched_algorithms import run_together
-from jaxshroud.motion.lyapunov import largest_exponents
-from jaxshroud.motion.period import recurrence
-from jaxshroud.motion.shooting import ShootingOptions, nearby_orbit
-from jaxshroud.motion.verdict import Verdict, verdict_text, verdicts
+from jaxshroud.orbits.batched_algorithms import run_together
+from jaxshroud.orbits.lyapunov import largest_exponents
+from jaxshroud.orbits.shooting import ShootingOptions, nearby_orbit
+from jaxshroud.orbits.verdict import Verdict, verdict_text, verdicts
 from jaxshroud.scene.grids import scenes_at
+from jaxshroud.signals.averages import closing_tolerances_of, displacements
+from jaxshroud.signals.period import recurrence
 
 SEED, PIECE = 13, 160  # scenes that are marched together
 TRANSIENT, LONGER, TAIL, CHAOS = 64, 20, 256, 1000

@@ -7,7 +7,7 @@ from side_by_side import ends, relative_error, run, sizes, with_parts
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.march.method import FAST_WITH_LEDGER
 from jaxshroud.march.stability import largest_frequency
-from jaxshroud.motion.short_runs import motions_at
+from jaxshroud.orbits.short_runs import motions_at
 from jaxshroud.scene.vary import vary
 from jaxshroud.verbs.trade import Adaptive
 

@@ -10,12 +10,12 @@ import jaxshroud as js
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
 from jaxshroud.march.method import FAST
-from jaxshroud.motion import amplitude_slopes
-from jaxshroud.motion.batched_algorithms import stacked
-from jaxshroud.motion.gradient import smoothed_gradient, with_numbers
-from jaxshroud.motion.levels import free_level
-from jaxshroud.verbs.ascent import exact_slopes
+from jaxshroud.orbits import amplitude_slopes
+from jaxshroud.orbits.batched_algorithms import stacked
+from jaxshroud.orbits.gradient import smoothed_gradient, with_numbers
+from jaxshroud.signals.amplitudes import free_level
 from jaxshroud.verbs.design_problem import judge_designs, problem_of
+from jaxshroud.verbs.gradient_ascent import exact_slopes
 from jaxshroud.verbs.tune import problem_from_result
 
 pytestmark = pytest.mark.full

@@ -5,8 +5,8 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud.batch.flows import flow_with_tangents
-from jaxshroud.motion.branch import BranchPoint
-from jaxshroud.motion.branch_continuation import Arc, joined_arcs
+from jaxshroud.orbits.branch import BranchPoint
+from jaxshroud.orbits.branch_continuation import Arc, joined_arcs
 from jaxshroud.results.branch import BIFURCATION_KINDS
 
 KEY, STEPS = "contact.gamma", {"method": js.RungeKutta(steps=100)}

@@ -6,7 +6,7 @@ from matplotlib.colors import to_hex
 from scipy.stats import binomtest
 
 import jaxshroud as js
-from jaxshroud.motion.random_starts import _overlaps, random_starts, start_range
+from jaxshroud.orbits.starts import _overlaps, random_starts, start_range
 from jaxshroud.plotting.style import PALE
 from jaxshroud.results.attractors import share_interval
 
@@ -89,7 +89,7 @@ def test_a_long_transient_is_no_motion_of_its_own(tmp_path):
 @pytest.mark.full(but=["1"])
 @pytest.mark.parametrize("long", [128, 1])  # lanes whose sets are looked at, and the others
 def test_a_transient_that_ends_while_it_is_run_on_joins_its_motion(long, monkeypatch):
-    monkeypatch.setattr("jaxshroud.motion.attractors.MAX_LONG_RUNS", long)
+    monkeypatch.setattr("jaxshroud.orbits.attractors.MAX_LONG_RUNS", long)
     # A free blade whose amplitude falls by e in 68 periods: 576 look aperiodic, thousands do not.
     short = js.load("table1", ['parts.motion=["x"]', "blades.c_x=0.2", "shroud.gap=20mm"]).scene
     found = js.attractors(short, 4, most_periods=64, **STEPS)

@@ -5,8 +5,8 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud.batch.threads import Interrupted
-from jaxshroud.verbs import confirm
-from jaxshroud.verbs.confirm import confirmed_run
+from jaxshroud.verbs import sweep_run as confirm
+from jaxshroud.verbs.sweep_run import confirmed_run
 
 SMALL = dict(n_periods=4, transient=2, method=js.RungeKutta(steps=100))
 ALONG = {"contact.gamma": [1.0, 2.0, 3.0]}

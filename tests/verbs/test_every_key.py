@@ -16,14 +16,13 @@ from jaxshroud.cli.option_table import Along
 from jaxshroud.cli.run_options import bounds, operating_conditions, scatters
 from jaxshroud.cli.sweep import with_axes
 from jaxshroud.io.scene_numbers import dimension, key_attrs, scene_text_of_lane, scenes_from_dataset
-from jaxshroud.motion.branch import ContinuationProblem
-from jaxshroud.motion.effects import flat_text
+from jaxshroud.orbits.branch import ContinuationProblem
 from jaxshroud.scene.checks import InputError, KeyNameError
 from jaxshroud.scene.config import load, parse
 from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.keys import ALL_KEYS, ROW_KEYS
-from jaxshroud.scene.numbers import numbers_of
-from jaxshroud.scene.vary import numbers_that_count, with_numbers
+from jaxshroud.scene.vary import numbers_of, numbers_that_count, with_numbers
+from jaxshroud.signals.effects import flat_text
 from jaxshroud.verbs.design_problem import Problem, problem_of, scenes_of
 from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.scattering import scatter_bounds, scattering_of

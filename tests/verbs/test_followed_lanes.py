@@ -10,8 +10,8 @@ from matplotlib.text import Text
 import jaxshroud as js
 from jaxshroud import LaneWarning, Status, load, vary
 from jaxshroud.batch.threads import Interrupted
-from jaxshroud.motion import gradient as slopes
-from jaxshroud.motion.batched_algorithms import Derivatives
+from jaxshroud.orbits import gradient as slopes
+from jaxshroud.orbits.batched_algorithms import Derivatives
 from jaxshroud.scene.checks import NumericalError
 from jaxshroud.scene.grids import scenes_at
 

@@ -9,7 +9,7 @@ from side_by_side import scene_of
 
 import jaxshroud as js
 from jaxshroud.model.modes import Mode
-from jaxshroud.motion.bifurcation import grazing_margins
+from jaxshroud.orbits.bifurcation import grazing_margins
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.grids import stack_scenes
 from jaxshroud.verbs.simulate import simulate

@@ -9,7 +9,7 @@ import jaxshroud as js
 from jaxshroud import load, sweep
 from jaxshroud.batch.plan import Plan
 from jaxshroud.march.method import FAST
-from jaxshroud.motion.gradient import scenes_around, smoothed_gradient
+from jaxshroud.orbits.gradient import scenes_around, smoothed_gradient
 from jaxshroud.scene.vary import with_numbers
 from jaxshroud.verbs.gradient import on_orbit
 

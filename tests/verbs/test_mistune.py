@@ -10,11 +10,10 @@ import jaxshroud as js
 from jaxshroud.cli import commands as cli
 from jaxshroud.cli import projection
 from jaxshroud.model.modes import Status
-from jaxshroud.motion.amplification import RowResponses, largest_amplitudes, peak_between
-from jaxshroud.motion.statistics import quantile_interval
 from jaxshroud.scene.mistuning import design_pattern, random_patterns
-from jaxshroud.verbs.mistuned_rows import MistunedRow, linear_problem
-from jaxshroud.verbs.worst_pattern import PatternProblem, SearchSize, search_worst_pattern
+from jaxshroud.signals.statistics import quantile_interval
+from jaxshroud.signals.waves import RowResponses, largest_amplitudes, peak_between
+from jaxshroud.verbs.mistuned_rows import MistunedRow, PatternProblem, SearchSize, linear_problem, search_worst_pattern
 
 pytestmark = pytest.mark.full
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.verbs.peak_ratio import VALUES, free_peak, peak_ratio
+from jaxshroud.verbs.response import VALUES, free_peak, peak_ratio
 
 SCENE = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40", "drive.F_0=60"]).scene
 RUN = {"n_periods": 8, "transient": 32, "method": js.RungeKutta(steps=100)}

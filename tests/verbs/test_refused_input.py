@@ -11,16 +11,16 @@ import pytest
 import xarray as xr
 
 import jaxshroud as js
-from jaxshroud.batch.size_limits import MAX_LANE_PERIODS, check_memory, check_size
+from jaxshroud.batch.limits import MAX_LANE_PERIODS, check_memory, check_size
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.cli import commands as cli
 from jaxshroud.cli import describe
-from jaxshroud.cli.parser import join_negative_values
+from jaxshroud.cli.commands import join_negative_values
 from jaxshroud.cli.run_options import load_scene, resolve_method
 from jaxshroud.cli.sweep import with_axes
 from jaxshroud.march.method import FAST, Choices, choices
 from jaxshroud.march.tableau import tableau
-from jaxshroud.scene.parts import Parts
+from jaxshroud.scene.layout import Parts
 from jaxshroud.scene.scene import Contact
 
 pytestmark = pytest.mark.full

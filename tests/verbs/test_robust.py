@@ -8,8 +8,8 @@ from jaxshroud.batch.plan import Plan
 from jaxshroud.march.method import FAST
 from jaxshroud.results.tuned import DesignJudgement
 from jaxshroud.verbs import robust as robustness
-from jaxshroud.verbs.ascent import MAX_GROWTH, exact_slopes
 from jaxshroud.verbs.design_problem import judge_designs, problem_of, scenes_of
+from jaxshroud.verbs.gradient_ascent import MAX_GROWTH, exact_slopes
 from jaxshroud.verbs.robust import robustness_request
 from jaxshroud.verbs.scattering import scattering_of
 from jaxshroud.verbs.tune import problem_from_result

@@ -10,9 +10,9 @@ import jaxshroud as js
 from jaxshroud.march.method import FAST
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.plotting.documents import TABLE_COLUMNS, Section, html_document, pdf_document, section_lines
+from jaxshroud.verbs.attractors import row_motions
 from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.plan import plan_march
-from jaxshroud.verbs.row_motions import row_motions
 
 METHOD = js.RungeKutta("dopri8", steps=100)
 RING = ["row.blades=3", "drive.engine_order=1", 'parts.motion=["x"]', "blades.c_x=40"]
@@ -110,7 +110,7 @@ def test_motions_of_a_row_are_told_apart_by_their_copies():
 def small(monkeypatch):
     """A report with few values over gap and frequency."""
     monkeypatch.setattr(sys.modules["jaxshroud.verbs.report"], "GAPS", 3)
-    monkeypatch.setattr(sys.modules["jaxshroud.verbs.peak_ratio"], "VALUES", 3)
+    monkeypatch.setattr(sys.modules["jaxshroud.verbs.response"], "VALUES", 3)
 
 
 @pytest.mark.release

@@ -9,7 +9,7 @@ import pytest
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
 from jaxshroud.cli.response import _blades_text
-from jaxshroud.plotting.plot_amplitude import BROKEN_LOOK
+from jaxshroud.plotting.plot_amplitude import BROKEN_STYLE
 from jaxshroud.plotting.plot_branch import MARKERS
 from jaxshroud.scene import layout
 from jaxshroud.scene.quantities import counted_amplitude
@@ -173,7 +173,7 @@ def test_the_response_of_a_row_is_stored_and_drawn_again(broken, tmp_path):
     amplitude, _ = again.plot().axes
     assert amplitude.get_ylabel().startswith("largest amplitude of $x$")
     looks = [line.get_color() for line in amplitude.lines if line.get_linestyle() in ("-", "--")]
-    assert {BROKEN_LOOK["color"]} < {*looks}
+    assert {BROKEN_STYLE["color"]} < {*looks}
     (mark,) = (
         line for line in amplitude.lines if line.get_marker() == MARKERS["localisation"][0] and line.get_xdata().size
     )

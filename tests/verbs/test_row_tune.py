@@ -9,8 +9,8 @@ import jaxshroud as js
 from jaxshroud.batch.plan import Plan
 from jaxshroud.march.method import choices
 from jaxshroud.plotting.style import quantity
-from jaxshroud.verbs.ascent import MAX_GROWTH, exact_slopes
 from jaxshroud.verbs.design_problem import judge_designs, problem_of, scenes_of
+from jaxshroud.verbs.gradient_ascent import MAX_GROWTH, exact_slopes
 from jaxshroud.verbs.scattering import scattering_of
 
 METHOD = js.RungeKutta("dopri8", steps=100)

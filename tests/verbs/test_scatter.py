@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.motion.effects import effect_step, effects
 from jaxshroud.plotting.style import save_figure
 from jaxshroud.scene.vary import numbers_that_count
+from jaxshroud.signals.effects import effect_step, effects
 
 SCENE = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40", "drive.F_0=60"]).scene
 SHORT = {"n_periods": 4, "transient": 16, "method": js.RungeKutta(steps=100)}

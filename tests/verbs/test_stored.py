@@ -13,7 +13,7 @@ import pytest
 import zarr
 
 import jaxshroud as js
-from jaxshroud.batch import continuation
+from jaxshroud.batch import runs as continuation
 from jaxshroud.cli import commands as cli
 from jaxshroud.cli import projection
 from jaxshroud.cli import sweep as sweep_verb

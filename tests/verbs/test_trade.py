@@ -16,12 +16,13 @@ from jaxshroud import load
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.march.method import choices
 from jaxshroud.march.stability import stiffest
-from jaxshroud.motion.short_runs import HORIZON, end_states, state_errors, trajectory_ends
+from jaxshroud.orbits.short_runs import HORIZON, end_states, state_errors, trajectory_ends
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.vary import vary
-from jaxshroud.verbs import accuracy, plan
-from jaxshroud.verbs.accuracy import PARALLEL, STIFFNESS_CLASSES, TILTED, choose, missed_lanes
-from jaxshroud.verbs.setting import Choice, Setting, accuracy_level, by_series
+from jaxshroud.verbs import plan
+from jaxshroud.verbs import plan as accuracy
+from jaxshroud.verbs.asked import Choice, Setting, accuracy_level, by_series
+from jaxshroud.verbs.plan import PARALLEL, STIFFNESS_CLASSES, TILTED, choose, missed_lanes
 from jaxshroud.verbs.trade import REFERENCE_SETTING, Adaptive, ClosedForm, measure_settings, neighbourhood
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))

@@ -1,0 +1,1 @@
+"""Numbers of a scene from measurements, by least squares."""

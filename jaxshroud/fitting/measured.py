@@ -1,0 +1,196 @@
+"""Measured motions, and the same quantities of the model with their exact derivatives.
+
+Amplitudes on periodic orbits with their exact derivatives: the model of a measured frequency response.
+
+An orbit starts where the map of its periods returns to; by the implicit function theorem the start moves by
+(I - M)^-1 times what a number of the scene moves its image. Every sample moves with the start and with the number.
+"""
+
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxshroud.batch.cubics import cubic_mean, hermite_largest
+from jaxshroud.batch.differentiable_samples import Schedule
+from jaxshroud.batch.duals import Dual
+from jaxshroud.batch.flows import as_differentiable
+from jaxshroud.batch.tangents import SampledMotions, TangentProblem, direction, motions_with_tangents, start_duals
+from jaxshroud.cache.programs import kept
+from jaxshroud.march.method import Choices
+from jaxshroud.orbits.orbit import PeriodicOrbit
+from jaxshroud.orbits.shooting import moved_start
+from jaxshroud.scene.layout import PAIR
+from jaxshroud.scene.measurements import MEASURES, Channel, Kind, Measurements
+from jaxshroud.scene.scene import Scene, without_given
+
+# Largest omega h between samples of responses and of histories: the error of the cubic, (omega h)^4 / 384, is then 4e-6
+# of the fastest oscillation, and 2e-4 where it is compared with noisy samples.
+INTERPOLATION_ANGLES = {"response": 0.2, "history": 0.5}
+
+
+class Predicted(NamedTuple):
+    """What the model says of measurements at several points; NaN where it says nothing."""
+
+    values: np.ndarray  # (points, n, channels)
+    slopes: np.ndarray  # (points, n, channels, keys) derivatives by the numbers of a point
+
+
+def along_each(scenes: Scene, keys: tuple[str, ...]) -> Dual:
+    """Scenes (leading axis), each repeated once for each key, with the derivative by that number."""
+    count = len(scenes.drive.omega)
+    first = jax.tree.map(lambda a: np.asarray(a)[0], scenes)
+    directions = jax.tree.map(lambda *a: np.stack(a), *(direction(first, key) for key in keys))
+    repeated = jax.tree.map(lambda a: np.repeat(np.asarray(a), len(keys), axis=0), without_given(scenes))
+    return Dual(repeated, jax.tree.map(lambda a: np.concatenate([a] * count), directions))
+
+
+def predicted_history(
+    scenes: Scene, keys: tuple[str, ...], data: Measurements, schedule: Schedule, rows: int
+) -> Predicted:
+    """The displacements of scenes (leading axis) from their initial motion at the measured times, with derivatives.
+
+    Between samples the motion is the cubic through the displacements and their rates.
+
+    Args:
+        scenes: One scene for each point.
+        keys: The numbers by which to differentiate.
+        data: The measured times and channels.
+        schedule: A sample in every step; up to the last measured time.
+        rows: The first of the measured times, so many of them; the others are NaN.
+    """
+    duals = along_each(scenes, keys)
+    shortest = math.tau / float(np.max(duals.value.drive.omega))
+    wanted = min(history_samples(float(data.at[rows - 1]), shortest, schedule.steps), schedule.samples)
+    motions = motions_with_tangents(duals, start_duals(duals), schedule, wanted)
+    sampled = [_with_rest(a, schedule.samples) for a in motions[:4]]
+    omega = duals.value.drive.omega, duals.tangent.drive.omega
+    values, slopes = _at_times(sampled, *omega, data.at.astype(motions.place.dtype), float(schedule.steps))
+    return _predicted(np.asarray(values), np.asarray(slopes), data, len(keys))
+
+
+def _with_rest(samples: np.ndarray, count: int) -> np.ndarray:
+    """Samples (lanes, 1 + wanted, ...) with NaN for the rest of so many, so that one program serves any part."""
+    rest = np.full((len(samples), 1 + count - samples.shape[1], *samples.shape[2:]), np.nan, samples.dtype)
+    return np.concatenate([samples, rest], axis=1)
+
+
+def _predicted(values: np.ndarray, slopes: np.ndarray, data: Measurements, keys: int) -> Predicted:
+    """Values and slopes (points * keys, n, 6) by points and channels."""
+    columns = [channel.column for channel in data.channels]
+    by_point = lambda a: a[..., columns].reshape(-1, keys, *a.shape[1:-1], len(columns))
+    return Predicted(by_point(values)[:, 0], np.moveaxis(by_point(slopes), 1, -1))
+
+
+@kept()
+def _at_times(sampled: list[Any], omega, omega_by, t, per_period):
+    """The displacements of lanes at times (n,), and their derivatives: (lanes, n, 6) each."""
+
+    def one_lane(place, rate, omega):
+        turns = t * omega / math.tau * per_period
+        before = jnp.clip(jnp.floor(turns), 0.0, len(place) - 2.0)
+        i = before.astype(jnp.int32)
+        h = math.tau / omega / per_period
+        return _between_samples(place[i], place[i + 1], h * rate[i], h * rate[i + 1], (turns - before)[:, None])
+
+    def with_tangent(place, rate, place_by, rate_by, omega, omega_by):
+        return jax.jvp(one_lane, (place, rate, omega), (place_by, rate_by, omega_by))
+
+    return jax.vmap(with_tangent)(*sampled, omega, omega_by)  # pyright: ignore[reportCallIssue]
+
+
+def _between_samples(q_0, q_1, m_0, m_1, s):
+    """The cubic with values `q` and slopes `m` at its ends, at the share `s` of the interval."""
+    rise = q_1 - q_0
+    return q_0 + s * (m_0 + s * (3 * rise - 2 * m_0 - m_1 + s * (m_0 + m_1 - 2 * rise)))
+
+
+def steps_between_samples(omega_max: float, period: float, march_steps: int, kind: Kind) -> int:
+    """The samples in a period: the steps of the march, or more where the cubic between them would be inaccurate."""
+    return max(march_steps, math.ceil(omega_max * period / INTERPOLATION_ANGLES[kind]))
+
+
+def history_schedule(last: float, shortest_period: float, steps: int, method: Choices) -> Schedule:
+    """The schedule that reaches a time in every scene, whose drive periods are not shorter than the shortest."""
+    return Schedule(history_samples(last, shortest_period, steps), 1, steps, method)
+
+
+def history_samples(last: float, shortest_period: float, steps: int) -> int:
+    """The samples, one in each step, that reach a time in every scene."""
+    return math.ceil(last / shortest_period * steps) + 1
+
+
+def orbit_amplitudes_by(
+    orbits: Sequence[PeriodicOrbit | None], keys: Sequence[str], channels: Sequence[Channel]
+) -> tuple[np.ndarray, np.ndarray]:
+    """The amplitudes on orbits, and their derivatives by numbers of the scene.
+
+    Args:
+        orbits: Orbits whose scenes have one structure; None, and one that is not sound, have NaN.
+        keys: The numbers.
+        channels: The amplitudes.
+
+    Returns:
+        Values (orbits, channels) and slopes (orbits, channels, keys).
+    """
+    values = np.full((len(orbits), len(channels)), np.nan)
+    slopes = np.full((*values.shape, len(keys)), np.nan)
+    alike: dict[int, list[tuple[int, PeriodicOrbit]]] = defaultdict(list)
+    for i, orbit in enumerate(orbits):
+        if orbit is not None and orbit.sound:
+            alike[orbit.q].append((i, orbit))
+    places = [MEASURES.index(channel.measure) for channel in channels], [channel.column for channel in channels]
+    for group in alike.values():
+        numbers, sound = (list(part) for part in zip(*group, strict=True))
+        of_all, by_all = _amplitudes_of_alike(sound, keys)
+        values[numbers], slopes[numbers] = of_all[:, *places], np.moveaxis(by_all[:, :, *places], 1, -1)
+    return values, slopes
+
+
+def _amplitudes_of_alike(orbits: Sequence[PeriodicOrbit], keys: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Amplitudes (orbits, measures, 6) and derivatives (orbits, keys, measures, 6) of orbits of one period number."""
+    first = orbits[0]
+    steps = first.steps_per_period
+    schedule = Schedule(first.q * steps, 1, steps, as_differentiable(first.method))
+    directions = [direction(first.scene, key) for key in keys]
+    problems = [TangentProblem(orbit.scene, orbit.start, directions) for orbit in orbits]
+    scenes, states = jax.tree.map(lambda *a: np.concatenate(a), *(problem.duals for problem in problems))
+    motions = motions_with_tangents(scenes, states, schedule)
+    by_orbit = jax.tree.map(lambda a: a.reshape(len(orbits), PAIR.state_size + len(keys), *a.shape[1:]), motions)
+    moved = [_moved_along(orbit, jax.tree.map(lambda a, i=i: a[i], by_orbit)) for i, orbit in enumerate(orbits)]
+    interval = [math.tau / float(orbit.scene.drive.omega) / steps for orbit in orbits]
+    values, slopes = _amplitudes_and_slopes(*(np.stack(a) for a in zip(*moved, strict=True)), np.array(interval))
+    return np.asarray(values), np.asarray(slopes)
+
+
+def _moved_along(orbit: PeriodicOrbit, motions: SampledMotions) -> tuple[np.ndarray, ...]:
+    """The samples of an orbit (place and rate), and their derivatives (keys, samples, 6) where it stays closed."""
+    by_start, by_number = np.split(motions.end_by, [PAIR.state_size])
+    shift = moved_start(by_start.T, by_number.T, orbit.slider_is_free)
+    along = lambda by: by[PAIR.state_size :] + np.einsum("zk,znc->knc", shift, by[: PAIR.state_size])
+    return motions.place[0], motions.rate[0], along(motions.place_by), along(motions.rate_by)
+
+
+@kept()
+def _amplitudes_and_slopes(place, rate, place_by, rate_by, interval):
+    """Amplitudes of orbits (leading axis) over whole periods, and their derivatives along each number."""
+
+    def one_orbit(place, rate, place_by, rate_by, h):
+        of = lambda place, rate: _amplitudes(place[None], rate[None], h[None, None, None])
+        slope = lambda place_by, rate_by: jax.jvp(of, (place, rate), (place_by, rate_by))[1]
+        return of(place, rate), jax.vmap(slope)(place_by, rate_by)
+
+    return jax.vmap(one_orbit)(place, rate, place_by, rate_by, interval)
+
+
+def _amplitudes(q, rate, h):
+    """RMS and peak about the mean, (measures, 6), of one orbit (leading axis)."""
+    mean = cubic_mean(q, rate, h)
+    square = cubic_mean((q - mean) ** 2, 2 * (q - mean) * rate, h)
+    rms = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)  # what stands still has no slope
+    high, low = hermite_largest(q, h * rate), -hermite_largest(-q, -h * rate)
+    return jnp.stack([rms[0], jnp.maximum(high - mean, mean - low)[0]])

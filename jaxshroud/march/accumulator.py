@@ -1,0 +1,235 @@
+"""The accumulator of a lane: the integrals of its motion, its counts of events and the extremes of its motion so far."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from jaxshroud.march.events import HEIGHT, LIFT, RUB, TURN, happens, model_events
+from jaxshroud.march.observable import Ending
+from jaxshroud.model.arithmetic import ZERO, Scalar, Zero, is_zero
+from jaxshroud.model.geometry import is_upper
+from jaxshroud.model.modes import FLAT, Mode
+from jaxshroud.model.prepared import Model
+from jaxshroud.model.rhs import Displacements, Integrals, Means, position_at
+from jaxshroud.scene.keys import Motion
+
+EventCount = Int[Array, "..."] | Zero
+
+
+class Counters(eqx.Module):
+    """The number of events of each sort; absent where the model lacks it."""
+
+    onset_slip: EventCount
+    onset_stick: EventCount
+    separation: EventCount
+    stick_slip: EventCount
+    slip_stick: EventCount
+    switch_14: EventCount
+    switch_23: EventCount
+    switch_12: EventCount
+    switch_34: EventCount
+    flat: EventCount  # onsets of face-to-face contact
+    flat_corner: EventCount  # transitions from face-to-face contact to a corner
+    grazing: EventCount  # onsets that were found inside a step
+
+
+def count_event(counters: Counters, ending: Ending) -> Counters:
+    """The `counters` with the transition added in which a trial ended, if it did."""
+    transition, fired, inside = ending
+    if isinstance(transition.before.mode, tuple):
+        return _count_at_points(counters, ending)
+    kind, mode, before = transition.kind, transition.after.mode, transition.before.mode
+    onset = happens(kind, LIFT) & (before == Mode.APART)
+    rub = happens(kind, RUB)
+    turn, height = happens(kind, TURN), happens(kind, HEIGHT)
+    case, previous = transition.after.case, transition.before.case
+    onset_flat, end_flat = (case == FLAT) & (previous != FLAT), (previous == FLAT) & (turn | height)
+    outer, corners = (case == 1) | (case == 4), ~onset_flat & ~end_flat
+    occurred = dict(
+        onset_slip=onset & (mode != Mode.STICK),
+        onset_stick=onset & (mode == Mode.STICK),
+        separation=happens(kind, LIFT) & (before != Mode.APART),
+        stick_slip=rub & (before == Mode.STICK),
+        slip_stick=rub & (before != Mode.STICK),
+        switch_14=turn & corners & outer,
+        switch_23=turn & corners & ~outer,
+        switch_12=height & corners & is_upper(case),
+        switch_34=height & corners & ~is_upper(case),
+        flat=onset_flat,
+        flat_corner=end_flat,
+        grazing=onset & inside,
+    )
+    counts = ((name, getattr(counters, name), now) for name, now in occurred.items())
+    return Counters(**{name: n + (now & fired).astype(jnp.int32) if not is_zero(n) else n for name, n, now in counts})
+
+
+def _count_at_points(counters: Counters, ending: Ending) -> Counters:
+    """`count_event` of several points: the sums over all of them."""
+    (transition, fired, inside), counted = ending, dict.fromkeys(Counters.__annotations__, 0)
+    for before, after in zip(transition.before.mode, transition.after.mode, strict=True):
+        onset, stick = fired & (before == Mode.APART) & (after != Mode.APART), after == Mode.STICK
+        held, slid = fired & (before == Mode.STICK), fired & (before != Mode.APART) & (before != Mode.STICK)
+        occurred = dict(
+            onset_slip=onset & ~stick,
+            onset_stick=onset & stick,
+            separation=fired & (before != Mode.APART) & (after == Mode.APART),
+            stick_slip=held & (after != Mode.APART) & ~stick,
+            slip_stick=slid & stick,
+            grazing=onset & inside,
+        )
+        counted |= {name: counted[name] + now.astype(jnp.int32) for name, now in occurred.items()}
+    counts = {name: getattr(counters, name) for name in counted}
+    return Counters(**{name: n if is_zero(n) else n + counted[name] for name, n in counts.items()})
+
+
+def no_events(model: Model, zero: Int[Array, "..."]) -> Counters:
+    """The counters of the events that a model has, at `zero`."""
+    counted = {name for event in model_events(model) for name in event.counters}
+    return Counters(**{name: zero if name in counted else ZERO for name in Counters.__annotations__})
+
+
+class ContactTimes(NamedTuple):
+    """The time in each contact state [s]."""
+
+    apart: Any
+    stick: Any
+    slip: Any
+
+
+class StepExtrema(NamedTuple):
+    """The extremes of a lane so far, by the cubic through the penetration and its rate at the ends of each trial."""
+
+    v_max: Scalar  # largest penetration [m]
+    fastest: Scalar  # largest closing or opening speed [m/s]
+    slowest_onset: Scalar  # closing speed at the gentlest onset [m/s]; infinite if there is none
+    nearest_miss: (
+        Scalar  # least distance at which the corners turned back without touching [m]; infinite if there is none
+    )
+
+
+class ContactPeaks(NamedTuple):
+    """The largest contact forces so far [N], on both sides of every event and by cubics inside each trial step.
+
+    The cubic interpolates the values and the rates of the penetration, and of the friction force, at both ends of a
+    trial; its error falls with the fourth power of the step. The friction of smooth contact and the forces of user
+    laws are evaluated at the ends only.
+    """
+
+    N: Scalar
+    F: Scalar
+
+
+class DisplacementRange(NamedTuple):
+    """The largest and the smallest values of the displacements x, y [m] and theta [rad] so far, between steps too.
+
+    A Runge-Kutta step is searched by the cubic through the displacement and its rate at both ends.
+    """
+
+    highest: Displacements
+    lowest: Displacements
+
+
+class Impacts(NamedTuple):
+    """The impacts so far: contacts that begin from a gap, each of which ends where the faces separate."""
+
+    number: Scalar
+    approach: Scalar  # largest closing speed at an onset [m/s]
+    approach_sum: Scalar  # of these speeds [m/s]
+    ended: Scalar  # contacts that have ended
+    impulse_sum: Scalar  # of their impulses of the normal force [N s]
+    impulse: Scalar  # largest of these impulses [N s]
+    now: Scalar  # impulse of the current contact [N s]
+
+
+class Log(NamedTuple):
+    """What has happened so far: the values of the observables of a march, by their names.
+
+    Numbers of contact are those of the interface, or in rows (interfaces, lanes); those of blades are pairs, or
+    (blades, lanes).
+    """
+
+    times: ContactTimes
+    v_max: Any  # largest penetration at the start, at the end of a trial or at an event [m]
+    largest: tuple[Any, Any, Any]  # magnitudes of x, y [m] and theta [rad] at ends of trials and at events
+    counters: Counters
+    within: StepExtrema | None  # None unless it was requested, as are the next three
+    forces: ContactPeaks | None
+    impacts: Impacts | None
+    extent: DisplacementRange | None
+    positions: Means | None  # summed over the ends of steps; None unless the method `sums_positions`
+    own: dict[str, Any]  # of the method's own observables
+
+
+class EnergyJumps(NamedTuple):
+    """The energy that jumps at events."""
+
+    springs: Scalar  # gained by the contact springs [J]
+    dropped: Scalar  # lost where flat contact ended a rocking motion [J]; absent where the blocks do not turn
+
+
+class EventMargins(NamedTuple):
+    """How many events have happened, and how clearly: derivatives grow without bound as a speed goes to zero."""
+
+    events: Int[Array, "..."]
+    slowest_onset: Scalar  # least closing speed at an onset from a gap [m/s]; infinite without one
+    slowest_switch: Scalar  # least speed at which corners pass each other at a change of case; infinite without one
+
+
+def no_margins(like: Float[Array, "..."]) -> EventMargins:
+    """The margins before the first event."""
+    return EventMargins(jnp.zeros(like.shape, jnp.int32), *[jnp.full_like(like, jnp.inf)] * 2)
+
+
+class Accumulator(NamedTuple):
+    """The integrals and the log of a lane, or of a row, so far."""
+
+    integrals: Integrals
+    jumps: EnergyJumps | None  # None where they are not kept
+    log: Log | None  # None where derivatives are computed
+    margins: EventMargins | None = None  # None unless they were requested
+
+    def plus(self, gain: Integrals, jumps: EnergyJumps | None) -> "Accumulator":
+        """The accumulator with the integrals and the jumps of a trial added."""
+        return self._replace(
+            integrals=jax.tree.map(jnp.add, self.integrals, gain),
+            jumps=None if self.jumps is None else jax.tree.map(jnp.add, self.jumps, jumps),
+        )
+
+
+def left_position_at(z: Motion) -> Means:
+    """The position of the left block."""
+    return position_at(z.x[0], z.y[0], z.theta[0])
+
+
+def half_position(at: Means) -> Means:
+    """The share of a position that begins or ends a period in the sum of the trapezoidal rule."""
+    return jax.tree.map(lambda a: a / 2, at)
+
+
+def mean_position(accumulator: Accumulator, end: Motion, period: Any, steps: Any, at: Callable[[Motion], Means]) -> Any:
+    """The mean of the position over a drive period, from the accumulator of that period alone; None where it is not kept.
+
+    Args:
+        accumulator: That of a lane or of a row.
+        end: The motion at the end of the period.
+        period: Its length [s].
+        steps: The number of steps in it, of equal length.
+        at: The position of a motion.
+
+    Source:
+        The trapezoidal rule, which on a whole orbit is as accurate as the motion is smooth: what is left stems from the
+        instants at which the third derivative jumps, by at most 1/720 of the jump times the fourth power of the step.
+    """
+    sums = None if accumulator.log is None else accumulator.log.positions
+    if sums is None:
+        return jax.tree.map(lambda a: a / jax.lax.broadcast_to_rank(period, a.ndim), accumulator.integrals.means)
+    return jax.tree.map(lambda total, half: (total - half) / steps, sums, half_position(at(end)))
+
+
+def displacements_of(z: Motion) -> tuple[Any, Any, Any]:
+    """The displacements x, y and theta, of pairs or of rows."""
+    return z.x, z.y, z.theta

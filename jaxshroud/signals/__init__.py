@@ -1,0 +1,1 @@
+"""Statistics of the samples of motions: powers, amplitudes, periods, spectra, waves."""

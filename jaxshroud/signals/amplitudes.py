@@ -1,0 +1,212 @@
+"""The amplitudes of motions, the loads of contact and the quantities of `Quantity` over the kept periods."""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from jaxshroud.batch.cubics import SampledAmplitudes
+from jaxshroud.batch.periods import LANES_PER_CALL, Sample
+from jaxshroud.batch.threads import in_chunks
+from jaxshroud.batch.xla import one_lane
+from jaxshroud.cache.programs import kept
+from jaxshroud.model.linear import area, free_power, free_reach, power_reduction, steady_amplitudes
+from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.quantities import DISPLACEMENTS, Quantity, amplitude_of, counted_amplitude, is_reduction
+from jaxshroud.scene.scene import Scene, without_given
+from jaxshroud.signals.averages import averages, closed_forms, half_diagonal
+
+
+def amplitude_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict[str, np.ndarray]:
+    """The values of `WithAmplitudes` by their names, (lanes, blades) each; nothing unless they were kept.
+
+    Args:
+        scenes: The scenes (leading axis).
+        samples: The kept periods, (lanes, periods).
+        number: The period number of each lane, 0 if aperiodic: whole orbits are averaged, the latest ones.
+    """
+    if samples.moments is None or samples.extent is None:
+        return {}
+    counted, time = counted_periods(samples, number), math.tau / np.asarray(scenes.drive.omega, float)
+    shares = (counted / counted.sum(axis=-1, keepdims=True) / time[:, None])[:, None]
+    by_period = lambda a: np.stack(np.moveaxis(a, -1, 0), axis=1)  # periods side by side: sums are pairwise
+    mean, square = ([np.sum(shares * by_period(a), axis=-1) for a in moment] for moment in samples.moments)
+    highest = [_largest_of(a, counted) for a in samples.extent.highest]
+    lowest = [-_largest_of(-a, counted) for a in samples.extent.lowest]
+    values = {}
+    for i, (name, free) in enumerate(zip(DISPLACEMENTS, free_amplitudes(scenes), strict=True)):
+        values[f"{name}_mean"] = mean[i]
+        values[f"{name}_rms"] = np.sqrt(np.maximum(square[i] - mean[i] ** 2, 0.0))
+        values[f"{name}_peak"] = np.maximum(highest[i] - mean[i], mean[i] - lowest[i])
+        values[f"{name}_free"] = free
+    return values
+
+
+def counted_periods(samples: Sample, number: np.ndarray) -> np.ndarray:
+    """Which periods count, (lanes, periods): the latest whole orbits."""
+    n, q = np.shape(samples.power)[1], np.maximum(number, 1)
+    return np.arange(n) >= (n - n // q * q)[:, None]
+
+
+def _largest_of(values: np.ndarray, counted: np.ndarray) -> np.ndarray:
+    """The largest of values (lanes, periods, ...) over the periods that count, (lanes, ...)."""
+    return np.where(_like(counted, values), values, -np.inf).max(axis=1)
+
+
+def _like(counted: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Which periods count, with as many axes as the values (lanes, periods, ...)."""
+    return counted.reshape(*counted.shape, *[1] * (values.ndim - 2))
+
+
+def free_amplitudes(scenes: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The amplitudes of x, y and theta without contact, (lanes, blades) each, see `free_reach`."""
+    count = len(scenes.drive.omega)
+    chunk = lambda _, lanes: _free_amplitudes(jax.tree.map(lambda a: np.asarray(a)[lanes], scenes))
+    x, y, theta = in_chunks(chunk, count, 1 if count == 1 else LANES_PER_CALL)
+    return np.asarray(x, float), np.asarray(y, float), np.asarray(theta, float)
+
+
+@kept()
+def _free_amplitudes(scenes: Scene):
+    def one(scene: Scene):
+        free = steady_amplitudes(scene)
+        return tuple(free_reach(free, name) for name in DISPLACEMENTS)
+
+    return jax.vmap(one)(scenes)
+
+
+def counted_mean(values: np.ndarray, counted: np.ndarray) -> np.ndarray:
+    """The mean of values (lanes, periods, ...) over the periods that count, (lanes, ...)."""
+    number = counted.sum(axis=-1).reshape(-1, *[1] * (values.ndim - 2))
+    return np.sum(np.where(_like(counted, values), values, 0.0), axis=1) / number
+
+
+def load_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict[str, np.ndarray]:
+    """The values of `WithLoads` by their names, of each lane and interface; nothing unless they were kept.
+
+    Args:
+        scenes: The scenes (leading axis).
+        samples: The kept periods, (lanes, periods).
+        number: The period number of each lane, as of `amplitude_values`.
+    """
+    if samples.forces is None:
+        return {}
+    period, counted = math.tau / np.asarray(scenes.drive.omega, float)[:, None], counted_periods(samples, number)
+    mean = lambda a: counted_mean(a, counted)
+    largest = lambda a: _largest_of(a, counted)
+    N, N_slip, time_slip, slip = map(mean, samples.loads)
+    impacts = mean(samples.impacts.number)
+    own, mu = scenes.parts.contact == "own", np.asarray(scenes.friction.mu, float).reshape(len(period), -1)
+    work = mean(samples.friction)
+    N_max, F_max = map(largest, samples.forces)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        values = {
+            "N_max": N_max,
+            "F_max": F_max,
+            "N_mean": N / period,
+            "N_slip": N_slip / time_slip,
+            "friction_work": work,
+            "slip": np.full_like(slip, np.nan) if own else slip,
+            "archard": np.full_like(work, np.nan) if own else work / mu,
+            "impacts": impacts,
+            "approach_max": largest(samples.impacts.approach),
+            "approach_mean": mean(samples.impacts.approach_sum) / impacts,
+            "impulse_max": largest(samples.impacts.impulse),
+            "impulse_mean": mean(samples.impacts.impulse_sum) / mean(samples.impacts.ended),
+        }
+    return {name: scenes.layout.at_interfaces(a) for name, a in values.items()}
+
+
+def sampled_amplitude_values(scenes: Scene, amplitudes: SampledAmplitudes | None) -> dict[str, np.ndarray]:
+    """The values of `WithAmplitudes` of runs (leading axis) by their names; nothing where no steps count."""
+    if amplitudes is None:
+        return {}
+    columns = {**amplitudes._asdict(), "free": np.stack(free_amplitudes(scenes), axis=-1)}
+    return {f"{name}_{of}": a[..., i] for i, name in enumerate(DISPLACEMENTS) for of, a in columns.items()}
+
+
+class Levels(NamedTuple):
+    """A quantity of many lanes."""
+
+    value: np.ndarray  # (lanes,)
+    ci: np.ndarray  # (lanes,) half width of its 95 % interval; NaN for amplitudes
+    number: np.ndarray  # (lanes,) period number, 0: aperiodic
+
+
+def levels_of(of: Quantity, scenes: Scene, samples: Sample) -> Levels:
+    """The quantity `of` of scenes (leading axis) from their samples, with moments and extent for an amplitude."""
+    motion, power, P_0 = averages(scenes, samples)
+    if of == "P_d":
+        return Levels(power.P_d, power.ci, motion.number)
+    if of == "P_d_vibration":
+        return Levels(power.P_d_vibration, power.vibration_ci, motion.number)
+    counts = scenes.layout.counting
+    if of == "P":
+        return Levels(power.P[:, counts].sum(axis=1), power.ci * P_0[:, counts].sum(axis=1) / 100, motion.number)
+    if of == "P_d_worst":
+        value = power_reduction(power.P, P_0).min(axis=1)
+    else:
+        value = counted_amplitude(amplitude_values(scenes, samples, motion.number)[of], scenes.layout)
+    return Levels(value, np.full_like(value, np.nan), motion.number)
+
+
+def free_level(of: Quantity, scene: Scene) -> float:
+    """What a quantity is compared with: P_0, or the RMS displacement of a block without contact; NaN for P_d.
+
+    It is the sum of P_0 over the blades that count, or the largest of their displacements. Angles are compared with
+    that displacement over half the longer diagonal of a block [rad].
+    """
+    if is_reduction(of):
+        return np.nan
+    amplitude, P_0 = amplitude_of(of), np.asarray(free_power(scene))[scene.layout.counting]
+    if amplitude is None:
+        return float(P_0.sum())
+    lever = float(half_diagonal(scene.shroud)) if amplitude.displacement == "theta" else 1.0
+    return float(np.sqrt(P_0.max() / area(scene.shroud))) / lever
+
+
+def compared_powers(of: str, scenes: Scene) -> np.ndarray:
+    """The powers without contact with which `of` of one scene or many is compared, (lanes, powers) [m^4]."""
+    lanes = scenes if np.ndim(scenes.drive.omega) else one_lane(scenes)
+    P_0 = closed_forms(without_given(lanes))[1].astype(float)[:, scenes.layout.counting]
+    return P_0 if of == "P_d_worst" else P_0.sum(axis=1, keepdims=True)
+
+
+def is_comparable(of: str, scene: Scene) -> bool:
+    """Whether `of` of a single scene is compared with a power that is neither 0 nor infinite."""
+    P_0 = compared_powers(of, scene)
+    return bool(np.all((P_0 > 0) & np.isfinite(P_0)))
+
+
+def check_vibration(of: str, scenes: Scene, lanes: Callable[[Any], Any] = np.any) -> None:
+    """Raise an InputError where `of` is compared with nothing in these `lanes` of one scene or many.
+
+    Args:
+        of: The quantity, a `Quantity`.
+        scenes: The scenes.
+        lanes: Whether it counts that the blades of some lanes (lanes,) do not vibrate without contact.
+    """
+    if not lanes((compared_powers(of, scenes) == 0).any(axis=1)):
+        return
+    if scenes.row is None:
+        nothing = "The left blade does not vibrate without contact"
+    else:
+        which = "a blade of the row does not vibrate" if of == "P_d_worst" else "no blade of the row vibrates"
+        nothing = f"Without contact {which}"
+    lost = f"there is no {of}" if is_reduction(of) else f"{of} has nothing to be compared with"
+    force = "force in drive.harmonic" if scenes.drive.of_harmonics() else "drive.F_0"
+    raise InputError(f"{nothing}, and {lost}; give it a {force}.")
+
+
+def check_resonance(of: str, scenes: Scene, lanes: Callable[[Any], Any] = np.any) -> None:
+    """Raise an InputError where `of` is compared with an infinite amplitude: every motion is a reduction by 100 %.
+
+    The arguments are those of `check_vibration`.
+    """
+    if lanes(np.isinf(compared_powers(of, scenes)).any(axis=1)):
+        raise InputError(
+            f"The drive meets an undamped natural frequency: without contact the amplitude, with which {of} is "
+            "compared, is infinite; change drive.omega or give the blades a damping."
+        )

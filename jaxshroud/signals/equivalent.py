@@ -1,0 +1,236 @@
+"""What contact does to the first harmonic: a stiffness and a damping between the blades, and P_d with the former alone.
+
+The contact forces are not sampled. Their first harmonic follows from that of the displacements by Eq. (1),
+
+    R = (k - m omega^2 + i omega c) q - F,
+
+at each coordinate of each block. Along the normal n = (sin alpha, -cos alpha) of the faces at rest and along their
+tangent t = (cos alpha, sin alpha), the relative displacement of the blocks' centres d = q_1 - q_2 gives the dynamic
+stiffness K = -R d^-1 = k_eq + i omega c_eq, of which the sign is that of a spring and a damper between the blades. What
+the blocks' rotation moves at the faces is left out of d, and is thus seen as a part of K. Along a direction in which d
+does not move K is undefined, as it is where the faces never touch.
+"""
+
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Complex, Float
+
+from jaxshroud.batch.cubics import cubic_mean
+from jaxshroud.batch.runs import sampled_motions
+from jaxshroud.batch.sampling import SampleGrid
+from jaxshroud.batch.states import motion_rows
+from jaxshroud.march.method import Choices
+from jaxshroud.model.linear import power_reduction
+from jaxshroud.model.prepared import State
+from jaxshroud.scene.drive import DriveHarmonic, MeanLoad
+from jaxshroud.scene.scene import Scene
+
+HARMONIC_PERIODS = 16  # over which the first harmonic of an aperiodic motion is taken
+NEGLIGIBLE_FORCE = 1e-6  # of contact, over that of the drive: the error of samples
+NEGLIGIBLE_MOTION = 1e-6  # along one direction of the faces, over that along the other: likewise
+
+PerCoordinate = Float[np.ndarray, "2 3"]  # blades; x, y and theta
+ComplexAmplitudes = Complex[np.ndarray, "2 3"]
+
+
+class LinearBlades(NamedTuple):
+    """The numbers of Eq. (1) without contact, of one scene: (2, 3) each, blades; x, y and theta."""
+
+    m: PerCoordinate
+    c: PerCoordinate
+    k: PerCoordinate
+    moves: np.ndarray
+    drive: ComplexAmplitudes  # complex amplitude of the load, of the first harmonic
+    mean: PerCoordinate  # constant load
+    omega: float
+    axes: Float[np.ndarray, "2 2"]  # normal and tangent of the faces at rest, as rows
+
+    @property
+    def dynamic_stiffness(self) -> ComplexAmplitudes:
+        """The load per displacement of each coordinate alone."""
+        return self.k - self.m * self.omega**2 + 1j * self.omega * self.c
+
+
+class Equivalent(NamedTuple):
+    """The equivalents of contact along the normal and the tangent of the faces; NaN where they are undefined."""
+
+    touches: bool  # the faces touch at some time
+    stiffness: Float[np.ndarray, "2"]  # [N/m]
+    damping: Float[np.ndarray, "2"]  # [N s/m]
+    ratio: Float[np.ndarray, "2"]  # damping ratio of the relative motion; see `relative_damping_ratio`
+
+
+def equivalent_values(
+    scenes: Scene, states: State, number: np.ndarray, P_0: np.ndarray, steps: int, method: Choices
+) -> dict[str, np.ndarray]:
+    """The values of `WithEquivalent` by their names, (lanes,) each, of motions over their next periods.
+
+    NaN where the blades do not move along both x and y, where the faces never touch, and along a direction of the faces
+    in which nothing moves.
+
+    Args:
+        scenes: The scenes (leading axis).
+        states: The states on the settled motions, at drive phase 0.
+        number: The period number of each lane, 0 if aperiodic: the harmonic is that of `HARMONIC_PERIODS`.
+        P_0: The mean square displacement of the left block without contact (lanes,) [m^2].
+        steps: Steps in a period.
+        method: The options of the march.
+    """
+    names = ("k_n", "k_t", "c_n", "c_t", "zeta_n", "zeta_t", "P_d_stiffness", "touches")
+    found = np.full((len(number), len(names)), np.nan)
+    if scenes.parts.contact != "none" and "y" in scenes.parts.motion:
+        periods = np.where(number > 0, number, HARMONIC_PERIODS)
+        grid = SampleGrid(0.0, steps, 1, int(periods.max()) * steps)
+        plain = method._replace(forces=False, amplitudes=False, vibration=False)
+        rows = motion_rows(sampled_motions(scenes, states, grid, plain))
+        for i, n in enumerate(periods.tolist()):
+            blades = linear_blades(scenes, i)
+            contact = equivalent_contact(blades, rows[i, : 1 + n * steps], steps)
+            P_d = reduction_with_stiffness(blades, contact.stiffness, float(P_0[i]))
+            found[i] = *contact.stiffness, *contact.damping, *contact.ratio, P_d, contact.touches
+    return dict(zip(names, found.T, strict=True))
+
+
+def linear_blades(scenes: Scene, i: int) -> LinearBlades:
+    """The blades of one of many scenes (leading axis)."""
+    b, drive = scenes.blades, jax.tree.map(lambda a: np.asarray(a, float)[i], scenes.drive)
+    first, mean = drive.harmonics().get(1), drive.harmonics().get(0)
+    stacked = lambda *columns: np.stack([np.asarray(a, float)[i] for a in columns], axis=-1)
+    load = np.zeros((2, 3)) if first is None else _stacked_load(first)
+    moves = np.array([[scenes.parts.has(name, blade) for name in ("x", "y", "theta")] for blade in (0, 1)])
+    alpha = float(np.asarray(scenes.shroud.alpha)[i])
+    return LinearBlades(
+        m=stacked(b.m, b.inertia_y, b.I),
+        c=stacked(b.c_x, b.c_y, b.c_T),
+        k=stacked(b.k_x, b.k_y, b.k_T),
+        moves=moves,
+        drive=load * np.exp(1j * (0.0 if first is None else first.phase))[..., None],
+        mean=np.zeros((2, 3)) if mean is None else _stacked_load(mean) * np.sin(mean.phase)[:, None],
+        omega=float(drive.omega),
+        axes=np.array([[np.sin(alpha), -np.cos(alpha)], [np.cos(alpha), np.sin(alpha)]]),
+    )
+
+
+def _stacked_load(one: DriveHarmonic | MeanLoad) -> PerCoordinate:
+    """The amplitudes of the load of one harmonic."""
+    return np.stack([one.F_x, one.F_y, one.M_0], axis=-1)
+
+
+class HarmonicMotion(NamedTuple):
+    """The complex amplitudes, or the means, of displacements, rates and accelerations: (2, 3) each."""
+
+    q: ComplexAmplitudes | PerCoordinate
+    rate: ComplexAmplitudes | PerCoordinate
+    acceleration: ComplexAmplitudes | PerCoordinate
+
+
+def first_harmonics(rows: np.ndarray, steps: int, omega: float) -> HarmonicMotion:
+    """The first harmonics of whole drive periods of motions (1 + periods steps, 12).
+
+    Of rates and accelerations they are integrated by parts, so that the first and the last state may differ.
+    """
+    q, v = (np.moveaxis(a.reshape(-1, 3, 2), 1, 2) for a in (rows[:, :6], rows[:, 6:]))
+    interval = 2 * np.pi / omega / steps
+    wave = np.exp(-1j * omega * interval * np.arange(len(rows)))[:, None, None]
+    h = np.full((1, 1, 1, 1), interval)
+    displacement = 2j * cubic_mean((q * wave)[None], ((v - 1j * omega * q) * wave)[None], h)[0]
+    gained = lambda a: 2j * (a[-1] - a[0]) / (interval * (len(rows) - 1))
+    rate = gained(q) + 1j * omega * displacement
+    return HarmonicMotion(displacement, rate, gained(v) + 1j * omega * rate)
+
+
+def mean_motion(rows: np.ndarray, steps: int, omega: float) -> HarmonicMotion:
+    """The means over the same periods of displacements, rates and accelerations."""
+    q, v = (np.moveaxis(a.reshape(-1, 3, 2), 1, 2) for a in (rows[:, :6], rows[:, 6:]))
+    interval = 2 * np.pi / omega / steps
+    gained = lambda a: (a[-1] - a[0]) / (interval * (len(rows) - 1))
+    mean = cubic_mean(q[None], v[None], np.full((1, 1, 1, 1), interval))[0]
+    return HarmonicMotion(mean, gained(q), gained(v))
+
+
+def equivalent_contact(blades: LinearBlades, rows: np.ndarray, steps: int) -> Equivalent:
+    """The equivalents of the contact of a motion (1 + periods steps, 12)."""
+    motion, mean = first_harmonics(rows, steps, blades.omega), mean_motion(rows, steps, blades.omega)
+    on_left, pressing = _contact_force(blades, motion, blades.drive), _contact_force(blades, mean, blades.mean)
+    least = NEGLIGIBLE_FORCE * max(np.abs(blades.drive).max(), np.abs(blades.mean).max())
+    oscillates, presses = (np.abs(force).max() > least for force in (on_left, pressing))
+    K = np.full(2, complex(np.nan, np.nan))
+    if oscillates or presses:
+        along = _relative_motion(blades, motion.q)
+        force = -(blades.axes @ on_left) if oscillates else np.zeros(2)
+        np.divide(force, along, out=K, where=np.isfinite(along))
+    k, c = np.real(K), np.imag(K) / blades.omega
+    return Equivalent(bool(oscillates or presses), k, c, relative_damping_ratio(blades, k, c))
+
+
+def _contact_force(
+    blades: LinearBlades, motion: HarmonicMotion, drive: ComplexAmplitudes | PerCoordinate
+) -> np.ndarray:
+    """The force of contact on the left block along x and y, from Eq. (1)."""
+    load = blades.m * motion.acceleration + blades.c * motion.rate + blades.k * motion.q - drive
+    return (load[0] - load[1])[:2] / 2 if blades.moves[1, 0] else load[0, :2]
+
+
+def _relative_motion(blades: LinearBlades, q: ComplexAmplitudes) -> np.ndarray:
+    """The relative displacement of the blocks along the normal and the tangent; NaN along which nothing moves."""
+    along = blades.axes @ (q[0] - q[1])[:2]
+    reach = max(np.abs(along).max(), NEGLIGIBLE_MOTION * np.abs(q).max())
+    return np.where(np.abs(along) > NEGLIGIBLE_MOTION * reach, along, np.nan)
+
+
+def relative_damping_ratio(blades: LinearBlades, stiffness: np.ndarray, damping: np.ndarray) -> np.ndarray:
+    """The damping ratio that contact adds to the relative motion along the normal and the tangent.
+
+    c_eq / (2 sqrt((k_r + k_eq) m_r)), with the mass m_r and the stiffness k_r against which both blades move apart
+    along that direction: 1 / m_r and 1 / k_r are sums of those of x and y of both blades, weighted by its squared
+    cosines. NaN where k_r + k_eq is not positive.
+    """
+    along = lambda a: 1 / (blades.axes**2 @ np.sum(np.where(blades.moves, 1 / a, 0.0), axis=0)[:2])
+    with np.errstate(invalid="ignore"):
+        return damping / (2 * np.sqrt((along(blades.k) + stiffness) * along(blades.m)))
+
+
+def reduction_with_stiffness(blades: LinearBlades, stiffness: np.ndarray, P_0: float) -> float:
+    """P_d of the linear blades joined by springs of this stiffness along the normal and the tangent [%].
+
+    Args:
+        blades: The blades.
+        stiffness: Along the normal and the tangent [N/m]; complex, with dampers i omega c.
+        P_0: The mean square displacement of the left block without contact [m^2].
+    """
+    if not np.any(blades.drive):
+        return np.nan
+    if np.isinf(P_0):
+        return 100.0
+    apart = mean_square_of(free_displacements(blades))
+    joined = mean_square_of(joined_displacements(blades, stiffness))
+    return float(power_reduction(np.float64(P_0 - apart + joined), np.float64(P_0)))
+
+
+def mean_square_of(q: Complex[np.ndarray, "2 2"]) -> float:
+    """The mean square displacement of the left block's centre from complex amplitudes."""
+    return float(np.sum(np.abs(q[0]) ** 2) / 2)
+
+
+def free_displacements(blades: LinearBlades) -> Complex[np.ndarray, "2 2"]:
+    """The complex amplitudes of x and y of both blades without contact."""
+    return np.where(blades.moves, blades.drive / blades.dynamic_stiffness, 0.0)[:, :2]
+
+
+def joined_displacements(blades: LinearBlades, stiffness: np.ndarray) -> Complex[np.ndarray, "2 2"]:
+    """The complex amplitudes of x and y of both blades with springs (normal, tangent) between them.
+
+    An undefined spring, NaN, is left out; without any there is no motion to tell.
+    """
+    known = np.isfinite(stiffness)
+    K = blades.axes.T @ np.diag(np.where(known, stiffness, 0.0)) @ blades.axes
+    Z = np.diag(blades.dynamic_stiffness[:, :2].ravel()) + np.kron(np.array([[1, -1], [-1, 1]]), K)
+    moves = blades.moves[:, :2].ravel()
+    q = np.zeros(4, complex)
+    if known.any():
+        q[moves] = np.linalg.solve(Z[np.ix_(moves, moves)], blades.drive[:, :2].ravel()[moves])
+    else:
+        q[:] = np.nan
+    return q.reshape(2, 2)
