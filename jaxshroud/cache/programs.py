@@ -25,6 +25,30 @@ from jax.experimental import serialize_executable
 from jaxshroud.cache import key as keys
 from jaxshroud.cache.store import ProgramStore, entry_name, lead_jax_into, log, own_folder, reset_jax_cache
 
+_lock = threading.Lock()
+_running = 0  # compilations, of all threads
+
+
+@contextmanager
+def compilation(begins: bool = True) -> Iterator[None]:
+    """Within, a program is being compiled, if one `begins` to be at all."""
+    _count(begins)
+    try:
+        yield
+    finally:
+        _count(-begins)
+
+
+def _count(more: int) -> None:
+    global _running
+    with _lock:
+        _running += more
+
+
+def is_compiling() -> bool:
+    """Whether any thread of this process compiles a program."""
+    return _running > 0
+
 
 class Prefetch:
     """Loads entries by their names on a thread, and notes which ones are asked for."""
@@ -64,31 +88,6 @@ class Prefetch:
                 loading.set_result(self.load(name))
             except BaseException as error:
                 loading.set_exception(error)
-
-
-_lock = threading.Lock()
-_running = 0  # compilations, of all threads
-
-
-@contextmanager
-def compilation(begins: bool = True) -> Iterator[None]:
-    """Within, a program is being compiled, if one `begins` to be at all."""
-    _count(begins)
-    try:
-        yield
-    finally:
-        _count(-begins)
-
-
-def _count(more: int) -> None:
-    global _running
-    with _lock:
-        _running += more
-
-
-def is_compiling() -> bool:
-    """Whether any thread of this process compiles a program."""
-    return _running > 0
 
 
 _WITHOUT_JAX_CACHE = threading.Lock()

@@ -51,14 +51,19 @@ def stored_end(path: FilePath, scene_file: SceneFile) -> StoredEnd:
     dims, shape = ("time", "interface")[: 1 + len(layout.interface_shape)], layout.interface_shape
     blades = ("time", "blade"), (layout.blades,)
     motion = Motion(*(_last_sample(path, ds, name, *blades) for name in Motion._fields))
-    mode, case = (_last_sample(path, ds, name, dims, shape).astype(int) for name in ("mode", "case"))
-    for pair in zip(mode.flat, case.flat, strict=True):
+    case, of_points, points = _last_sample(path, ds, "case", dims, shape).astype(int), "", scene_file.scene.points
+    if points:
+        dims, shape, of_points = (*dims, "point"), (*shape, points), "point_"
+    mode = _last_sample(path, ds, f"{of_points}mode", dims, shape).astype(int)
+    of_each = np.where(mode == Mode.APART, 0, 1) if points else case  # points have no cases
+    for pair in zip(mode.flat, of_each.flat, strict=True):
         if not _is_possible(*pair, scene_file.scene.parts.contact):
             ends = "it ends in mode {} and case {}".format(*pair)
             _fail(path, f"{ends}, which this model has not; give a file that is not edited")
     u_s = np.zeros(shape)
     if np.any(mode != Mode.APART):
-        u_s = np.where(mode == Mode.APART, 0.0, _last_sample(path, ds, "u_s", dims, shape, mode != Mode.APART))
+        sliders = _last_sample(path, ds, f"{of_points}u_s", dims, shape, mode != Mode.APART)
+        u_s = np.where(mode == Mode.APART, 0.0, sliders)
     t = float(_last_sample(path, ds, "time", ("time",), ()))
     return StoredEnd(_state(motion, u_s, mode, case), t, turns, differences)
 

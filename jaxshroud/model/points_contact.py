@@ -17,7 +17,6 @@ from jaxshroud.model.contact_law import (
     ContactLoads,
     ContactPoint,
     GuardCrossing,
-    Modes,
     Slider,
     SummedForces,
 )
@@ -134,7 +133,7 @@ def _by_point(a: Any) -> Any:
     return a if isinstance(a, tuple) else tuple(a[m] for m in range(a.shape[0]))
 
 
-def interface_mode(mode: Any) -> Modes:
+def interface_mode(mode: Any) -> Any:
     """The mode of an interface: apart if all of its points are, slip if one of them slips, else stick."""
     if not isinstance(mode, tuple):
         return mode

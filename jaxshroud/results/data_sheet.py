@@ -48,6 +48,7 @@ class DataSheet(PlainResult):
     pressed: tuple[float, ...] = ()  # displacement of each block by interference alone, without rotation [m]
     gaps: tuple[float, ...] = ()  # of a row, as are all that follow: at each interface [m]
     approaches: tuple[float, ...] = ()  # see `approach` [m]
+    advice: tuple[str, ...] = ()  # what may do better; of pairs too
     slides: tuple[float, ...] = ()  # see `slide` [m]
     gammas: tuple[float, ...] = ()  # k / k_x of the blade left of each interface
     closed: bool = False  # the last blade touches the first

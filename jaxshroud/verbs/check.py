@@ -58,8 +58,6 @@ def doubts_of(sheet: DataSheet, scene: Scene) -> Iterator[str]:
         yield from _mean_load_doubts(sheet)
         yield from _interference_doubts(sheet)
         yield from _doubts_of_interfaces(sheet, float(scene.shroud.l_ab))
-    if scene.parts.contact == "spring" and scene.contact.points is None:
-        yield from _corner_doubts(sheet)
 
 
 def _torsion_doubts(sheet: DataSheet, scene: Scene) -> Iterator[str]:
@@ -77,9 +75,10 @@ def _torsion_doubts(sheet: DataSheet, scene: Scene) -> Iterator[str]:
         yield f'I is {ratio}; I = "block" in a file gives that'
 
 
-def _corner_doubts(sheet: DataSheet) -> Iterator[str]:
-    """Nearly parallel faces of light blocks, between which a single corner switches from end to end."""
-    if "theta" not in sheet.coordinates or max(sheet.inertia) > MAX_INERTIA_RATIO:
+def advice_on(sheet: DataSheet, scene: Scene) -> Iterator[str]:
+    """What may do better: points for nearly parallel faces of light blocks, where a corner switches from end to end."""
+    touches_at_corner = scene.parts.contact == "spring" and scene.contact.points is None
+    if not touches_at_corner or "theta" not in sheet.coordinates or max(sheet.inertia) > MAX_INERTIA_RATIO:
         return
     corner, approach = max(sheet.corner), max([sheet.approach, *sheet.approaches])
     if corner < MAX_PARALLEL * approach < np.inf:
@@ -258,7 +257,7 @@ def check(
         **({} if scene.row is None else _at_interfaces(arrays, k, across / math.sin(s.alpha), along)),
         **_over_speed(scene, modes, engine_orders, start, stop),
     )
-    return replace(sheet, doubts=tuple(doubts_of(sheet, scene)))
+    return replace(sheet, doubts=tuple(doubts_of(sheet, scene)), advice=tuple(advice_on(sheet, scene)))
 
 
 def _at_interfaces(arrays: Scene, k: np.ndarray, approach: np.ndarray, slide: np.ndarray) -> dict[str, Any]:

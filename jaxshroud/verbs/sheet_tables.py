@@ -117,7 +117,8 @@ def lines_of(sheet: DataSheet) -> dict[str, str]:
         "stiffest motion": f"{sheet.omega_max / math.tau:.5g} Hz; {sheet.steps} steps a period (auto, rk4)",
         **{f"doubtful {i}": text for i, text in enumerate(sheet.doubts[:MOST_DOUBTS], 1)},
     }
-    return lines if sheet.doubts else {**lines, "doubtful": "nothing"}
+    lines = lines if sheet.doubts else {**lines, "doubtful": "nothing"}
+    return lines | {f"advice {i}": text for i, text in enumerate(sheet.advice, 1)}
 
 
 def _crossing_row(speed: str, crossings: Sequence[Crossing]) -> list[str]:

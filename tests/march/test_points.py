@@ -206,7 +206,7 @@ def placed(points, q, rate=(0.0,) * 6):
     model = prepared_model(scene_with(points, *LIGHT))
     pair = lambda values, i: (jnp.asarray(values[i]), jnp.asarray(values[i + 1]))
     z = Motion(*(pair(values, i) for values in (q, rate) for i in (0, 2, 4)))
-    slider = float(contact_kinematics(pose(z.x, z.y, z.theta), 0, model.block, frozenset()).u) - 1e-6
+    slider = float(contact_kinematics(pose(z.x, z.y, z.theta), jnp.int32(0), model.block, frozenset()).u) - 1e-6
     state = State(z, (jnp.asarray(slider),) * points, (jnp.int32(Mode.STICK),) * points, jnp.int32(0))
     return model, placement(state, model), state
 
@@ -216,7 +216,7 @@ def test_forces_are_those_of_virtual_work_and_balance():
     model, place, state = placed(3, q)
 
     def energy(q):
-        at = contact_kinematics(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), 0, model.block, frozenset())
+        at = contact_kinematics(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), jnp.int32(0), model.block, frozenset())
         return model.law.energy_at(at, model.law.stretch_at(at, state.u_s, state.mode), state.mode)
 
     load = place.loaded.load
@@ -248,3 +248,11 @@ def test_a_tilted_face_is_loaded_as_by_winklers_springs(points, of_force, of_mom
         true = k * p**2 / (2 * phi * l)
         errors.append((abs(N / true - 1), abs(M / (true * (l / 2 - p / (3 * phi))) - 1)))
     np.testing.assert_allclose(np.max(errors, axis=0), (of_force, of_moment), rtol=0.01)
+
+
+def test_points_are_advised_where_faces_stay_nearly_parallel():
+    light = ["blades.I=block", "drive.M_0=0.3"]
+    (advice,) = js.check(js.load("table1", light)).advice
+    assert "points = 2" in advice
+    for changes in (["blades.I=block", "drive.M_0=100"], ["drive.M_0=0.3"], [*light, "contact.points=2"]):
+        assert not js.check(js.load("table1", changes)).advice
