@@ -20,6 +20,7 @@ from .results.attractors import Basins as Basins
 from .results.base import Result as Result
 from .results.base import open as open
 from .results.branch import Branch as Branch
+from .results.data_sheet import Campbell as Campbell
 from .results.data_sheet import DataSheet as DataSheet
 from .results.diagnosis import Diagnosis as Diagnosis
 from .results.diagnosis import Lyapunov as Lyapunov
