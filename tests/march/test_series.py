@@ -76,7 +76,7 @@ def expanded(state: State, scene) -> dict:
     works = [at(a) for a in (ledger.drive, ledger.viscous, ledger.friction)]
     return {
         "accelerations": (accelerations, jax.tree.leaves(slope.acceleration)),
-        "power": (list(map(at, mean_square(way.pose, ready.gyration))), list(rates.power)),
+        "power": (list(map(at, mean_square(way.pose, ready.gyration, ready.static))), list(rates.power)),
         "works": (works, [exact.drive, exact.viscous, exact.friction]),
         "guards": ([*guards[:3], jnp.maximum(*guards[3:])], list(seen.guards.value)),
     }
