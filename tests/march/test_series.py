@@ -78,7 +78,7 @@ def expanded(state: State, scene) -> dict:
         "accelerations": (accelerations, jax.tree.leaves(slope.acceleration)),
         "power": (list(map(at, mean_square(way.pose, ready.gyration, ready.static))), list(rates.power)),
         "works": (works, [exact.drive, exact.viscous, exact.friction]),
-        "guards": ([*guards[:3], jnp.maximum(*guards[3:])], list(seen.guards.value)),
+        "guards": ([*guards[:3], jnp.maximum(*guards[3:])], [a for a in seen.guards.value if not is_zero(a)]),
     }
 
 
