@@ -97,7 +97,7 @@ COMMANDS = {
         module="sweep",
     ),
     "explore": Command(
-        "Appearance at a scene on a page of this machine: a click on its diagram shows the motion.",
+        "Look at a scene on a page of this machine: a click on its diagram shows the motion.",
         "jaxshroud explore fig09_best",
         (
             *SCENE_FLAGS[:2],
