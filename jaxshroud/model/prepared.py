@@ -103,7 +103,9 @@ def _spring_of_share(share: Scalar, k: Scalar, element: tuple[Scalar, Scalar, Sc
 
 
 def _kind_of_spring_contact(scene: Scene) -> type[ContactLaw]:
-    return SpringContact if scene.contact.points is None else PointsContact
+    if scene.contact.points is not None:
+        return PointsContact
+    return SpringContact if scene.parts.friction == "none" else BilinearContact
 
 
 def _smooth_contact(scene: Scene) -> ContactLaw:

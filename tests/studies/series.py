@@ -22,7 +22,7 @@ import jax
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-sys.path.insert(0, str(Path(__file__).parents[1] / "motion"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "orbits"))
 import opinions
 import reference
 from side_by_side import ends, relative_error, run, scene_of
