@@ -108,7 +108,10 @@ class Drive(eqx.Module):
     harmonic: tuple[Harmonic, ...] | None = eqx.field(default=None, kw_only=True)  # None: the one of F_0 and M_0
 
     def __check_init__(self):
-        orders = [] if self.harmonic is None else [one.order for one in self.harmonic]
+        listed = () if self.harmonic is None else self.harmonic
+        if not isinstance(listed, tuple) or not all(isinstance(one, Harmonic) for one in listed):
+            raise InputError("`harmonic` must be None or a tuple of `Harmonic`s.")
+        orders = [one.order for one in listed]
         if (
             self.harmonic == ()
             or len(set(orders)) < len(orders)

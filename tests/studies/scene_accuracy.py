@@ -38,6 +38,7 @@ from jaxshroud.march.method import FAST, Method, choices  # noqa: E402
 from jaxshroud.model.prepared import State  # noqa: E402
 from jaxshroud.scene.layout import PAIR  # noqa: E402
 from jaxshroud.signals.averages import averages  # noqa: E402
+from jaxshroud.verbs.asked import Asked  # noqa: E402
 from jaxshroud.verbs.options import resolve_options  # noqa: E402
 from jaxshroud.verbs.plan import plan_march  # noqa: E402
 
@@ -86,7 +87,9 @@ def some_of(file: js.SceneFile, every: int) -> np.ndarray:
 
 def marched(scenes: js.Scene, method: Method, transient: int, kept: int, states: State | None = None) -> Found:
     """All lanes, from rest or from states."""
-    plan = Plan(transient, kept, method.steps, 0.0, choices(method))  # type: ignore[arg-type]  # numbers, here
+    asked = isinstance(method, Asked)
+    steps, chosen = (method.plan.steps, method.plan.method) if asked else (method.steps, choices(method))
+    plan = Plan(transient, kept, steps, 0.0, chosen)  # type: ignore[arg-type]  # numbers, here
     runs = run_lanes(scenes, initial_states(scenes) if states is None else states, plan, lambda _: None)
     orbit, power, _ = averages(scenes, runs.samples)
     return Found(np.asarray(runs.last.status), orbit.number, power.P_d, power.ci, final_states(runs.last.state))
