@@ -43,6 +43,7 @@ import json
 import jax
 jax.config.update("jax_enable_x64", True)
 import jaxshroud as js
+from jaxshroud.verbs.gradient import differences
 
 scene = js.load("table1").scene
 orbit = None
