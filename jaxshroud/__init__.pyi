@@ -62,14 +62,14 @@ from .scene.laws import FrictionLaw as FrictionLaw
 from .scene.laws import Laws as Laws
 from .scene.laws import NormalLaw as NormalLaw
 from .scene.layout import Parts as Parts
+from .scene.other_parts import with_contact_law as with_contact_law
+from .scene.other_parts import with_laws as with_laws
 from .scene.points import ContactPoints as ContactPoints
 from .scene.scene import Contact as Contact
 from .scene.scene import Friction as Friction
 from .scene.scene import Row as Row
 from .scene.scene import Scene as Scene
 from .scene.scene import Shroud as Shroud
-from .scene.scene import with_contact_law as with_contact_law
-from .scene.scene import with_laws as with_laws
 from .scene.shipped import shipped as shipped
 from .scene.vary import value_of as value_of
 from .scene.vary import vary as vary

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-import jaxshroud.scene.scene
+import jaxshroud.scene.other_parts
 from jaxshroud.batch.plan import Plan, Runs
 from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import initial_states
@@ -66,4 +66,4 @@ def scene_of(p) -> Scene:
 
 def with_parts(scene: Scene, width: float | None = None, **parts) -> Scene:
     """A scene whose model is made of other parts."""
-    return jaxshroud.scene.scene.with_parts(scene, Parts(**parts), width)
+    return jaxshroud.scene.other_parts.with_parts(scene, Parts(**parts), width)

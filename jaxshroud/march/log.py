@@ -53,11 +53,9 @@ def _new_log(state: State, zero: Scalar, model: Model, method: Choices) -> Log:
 def updated_accumulator(accumulator: Accumulator, trial: AcceptedTrial, model: Model, method: Choices) -> Accumulator:
     """The accumulator after a trial; margins are kept."""
     accumulator = accumulator.plus(trial.gain, trial.jumps)
-    return (
-        accumulator
-        if accumulator.log is None
-        else accumulator._replace(log=_updated_log(accumulator.log, trial, model, method))
-    )
+    if accumulator.log is None:
+        return accumulator
+    return accumulator._replace(log=_updated_log(accumulator.log, trial, model, method))
 
 
 def _updated_log(log: Log, trial: AcceptedTrial, model: Model, method: Choices) -> Log:
@@ -143,11 +141,9 @@ def updated_row_accumulator(
 ) -> Accumulator:
     """The accumulator after a trial; margins are kept."""
     accumulator = accumulator.plus(trial.gain, trial.jumps)
-    return (
-        accumulator
-        if accumulator.log is None
-        else accumulator._replace(log=_updated_row_log(accumulator.log, trial, model, method, each))
-    )
+    if accumulator.log is None:
+        return accumulator
+    return accumulator._replace(log=_updated_row_log(accumulator.log, trial, model, method, each))
 
 
 def _updated_row_log(log: Log, trial: AcceptedTrial, model: RowModel, method: Choices, each: Each) -> Log:

@@ -83,7 +83,7 @@ def _has_point(m: int, model: Model) -> bool:
 
 
 def _rubs_at(m: int, model: Model) -> bool:
-    return isinstance(model.law, PointsContact) and m < len(model.law.laws) and model.law.has_friction
+    return _has_point(m, model) and _law_of_points(model).has_friction
 
 
 def _lift_at(m: int) -> Event:

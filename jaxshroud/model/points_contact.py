@@ -4,7 +4,7 @@ The points press along the mean normal of both faces, by their shares of the sti
 middles between partners. Modes and sliders of such an interface are tuples, one entry for each point.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import reduce
 from typing import Any, ClassVar
 
@@ -137,14 +137,13 @@ def interface_mode(mode: Any) -> Any:
     """The mode of an interface: apart if all of its points are, slip if one of them slips, else stick."""
     if not isinstance(mode, tuple):
         return mode
-    some = lambda wanted: _any(one == wanted for one in mode)
-    slips = where(some(Mode.SLIP_PLUS), jnp.int32(Mode.SLIP_PLUS), jnp.int32(Mode.SLIP_MINUS))
-    in_contact = where(some(Mode.SLIP_PLUS) | some(Mode.SLIP_MINUS), slips, jnp.int32(Mode.STICK))
-    return where(some(Mode.STICK) | some(Mode.SLIP_PLUS) | some(Mode.SLIP_MINUS), in_contact, jnp.int32(Mode.APART))
-
-
-def _any(flags: Iterable[Any]) -> Any:
-    return reduce(jnp.logical_or, flags)
+    sticks, forward, backward = (
+        reduce(jnp.logical_or, (one == wanted for one in mode))
+        for wanted in (Mode.STICK, Mode.SLIP_PLUS, Mode.SLIP_MINUS)
+    )
+    slips = where(forward, jnp.int32(Mode.SLIP_PLUS), jnp.int32(Mode.SLIP_MINUS))
+    in_contact = where(forward | backward, slips, jnp.int32(Mode.STICK))
+    return where(sticks | forward | backward, in_contact, jnp.int32(Mode.APART))
 
 
 def by_point(a: Any, like: Any) -> Any:

@@ -15,7 +15,8 @@ from jaxshroud.batch.states import initial_states, motion_rows
 from jaxshroud.batch.tangents import direction, run_flow, without_direction
 from jaxshroud.march.method import Choices
 from jaxshroud.model.linear import free_rms_displacement
-from jaxshroud.scene.scene import Scene, with_parts, without_given
+from jaxshroud.scene.other_parts import with_parts
+from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import in_precision
 
 HORIZON = 3  # periods after which states are compared: chaos has hardly multiplied errors yet

@@ -13,6 +13,7 @@ from jaxshroud.scene.keys import ALL_KEYS, HARMONIC_KEYS, SINGLE_LOADS
 from jaxshroud.scene.laws import Number
 from jaxshroud.scene.valid import check_given, check_numbers
 
+FIELDS_OF_LOADS = {"x": "F_x", "y": "F_y", "theta": "M_0"}  # of the coordinates
 SINGLE_KEYS = tuple(f"drive.{name}" for name in SINGLE_LOADS)
 
 
@@ -39,7 +40,7 @@ class DriveHarmonic(NamedTuple):
 
     def load(self, name: str) -> Any:
         """The amplitude of the force along x or y [N], or of the moment on theta [N m]."""
-        return getattr(self, {"x": "F_x", "y": "F_y", "theta": "M_0"}[name])
+        return getattr(self, FIELDS_OF_LOADS[name])
 
 
 class MeanLoad(NamedTuple):
@@ -56,7 +57,7 @@ class MeanLoad(NamedTuple):
 
     def load(self, name: str) -> Any:
         """The force along x or y [N], or the moment on theta [N m]."""
-        return getattr(self, {"x": "F_x", "y": "F_y", "theta": "M_0"}[name])
+        return getattr(self, FIELDS_OF_LOADS[name])
 
 
 class Harmonic(eqx.Module):

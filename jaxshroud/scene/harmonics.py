@@ -4,11 +4,10 @@ import math
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from jaxshroud.scene.keys import HARMONIC_ENTRY, SINGLE_LOADS
+from jaxshroud.scene.keys import SINGLE_LOADS
 from jaxshroud.scene.messages import fail, toml_text
-from jaxshroud.scene.optional import harmonic_count, require_number
+from jaxshroud.scene.optional import A_HARMONIC, harmonic_count, require_number, split_harmonics
 
-EXAMPLE = "[[drive.harmonic]] with order = 2, F = 20 and beta = 0.5"
 FileDocument = dict[str, Any]
 
 
@@ -23,7 +22,7 @@ def flattened(document: FileDocument, where: str) -> FileDocument:
         return document
     harmonics = drive.pop("harmonic")
     if not isinstance(harmonics, list) or not harmonics or not all(isinstance(one, dict) and one for one in harmonics):
-        fail(where, f"[drive] harmonic = {toml_text(harmonics)} must be a list of tables with keys, e.g. {EXAMPLE}")
+        fail(where, f"[drive] harmonic = {toml_text(harmonics)} must be a list of tables with keys, e.g. {A_HARMONIC}")
     for i, one in enumerate(harmonics):
         drive |= {f"harmonic[{i}].{name}": value for name, value in one.items()}
     return document
@@ -32,14 +31,10 @@ def flattened(document: FileDocument, where: str) -> FileDocument:
 def nested(tables: Mapping[str, Any]) -> dict[str, Any]:
     """The tables of a file with its harmonics as tables [[drive.harmonic]]."""
     drive = tables.get("drive")
-    if not isinstance(drive, Mapping) or not (count := harmonic_count(drive)):
+    if not isinstance(drive, Mapping):
         return dict(tables)
-    harmonics: list[dict[str, Any]] = [{} for _ in range(count)]
-    plain = {}
-    for entry, value in drive.items():
-        match = HARMONIC_ENTRY.fullmatch(entry)
-        (plain if match is None else harmonics[int(match["index"])])[match["name"] if match else entry] = value
-    return {**tables, "drive": {**plain, "harmonic": harmonics}}
+    plain, harmonics = split_harmonics(drive)
+    return {**tables, "drive": {**plain, "harmonic": harmonics}} if harmonics else dict(tables)
 
 
 def resolve_orders(document: FileDocument, name: str, overridden: Collection[tuple[str, str]] = ()) -> int:

@@ -10,10 +10,11 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from jaxshroud.scene.checks import KeyNameError, SceneError, did_you_mean, hint
+from jaxshroud.scene.file_rules import NO_STIFFNESS
 from jaxshroud.scene.keys import INPUT_KEYS
 from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.optional import harmonic_count
-from jaxshroud.scene.schema import NO_STIFFNESS, TABLE_MODELS, Table, table_models
+from jaxshroud.scene.schema import TABLE_MODELS, Table, table_models
 
 UNKNOWN_KEY = "extra_forbidden"  # the type of this error in pydantic
 MISSING_TYPES = ("missing", NO_STIFFNESS)

@@ -9,13 +9,26 @@ from jaxshroud.scene.keys import ALL_KEYS, HARMONIC_ENTRY, SINGLE_LOADS
 NO_WIDTH = "The scene's contact is not smooth: it has no width."
 MEAN_LOADS = ("drive.F_x_mean", "drive.F_y_mean", "drive.M_mean")
 WITHOUT_EFFECT = {"drive.level": 1.0, **dict.fromkeys(MEAN_LOADS, 0.0)}  # of which a scene without them is the same
-A_HARMONIC = "add a table [[drive.harmonic]] with order = 2, F = 20 and beta = 0.5"
+A_HARMONIC = "[[drive.harmonic]] with order = 2, F = 20 and beta = 0.5"  # an example
 
 
 def harmonic_count(entries: Iterable[str]) -> int:
     """How many harmonics the entries of a table `drive` have; 0 for a drive without a list of them."""
     matches = [HARMONIC_ENTRY.fullmatch(entry) for entry in entries]
     return 1 + max((int(match["index"]) for match in matches if match), default=-1)
+
+
+def split_harmonics(entries: Mapping[str, Any]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """The entries of a table `drive` that are of no harmonic, and those of each harmonic by their names in it."""
+    plain: dict[str, Any] = {}
+    harmonics: list[dict[str, Any]] = [{} for _ in range(harmonic_count(entries))]
+    for entry, value in entries.items():
+        match = HARMONIC_ENTRY.fullmatch(entry)
+        if match is None:
+            plain[entry] = value
+        else:
+            harmonics[int(match["index"])][match["name"]] = value
+    return plain, harmonics
 
 
 def require_number(name: str, present: Collection[str], where: str = "") -> None:
@@ -42,7 +55,7 @@ def _absence(name: str, drive: Collection[str]) -> str:
         return ""
     if match is not None and int(match["index"]) >= count:
         has = f"{_in_words(count)}, numbered from 0" if count else "no list of harmonics"
-        return f"the scene has no {name}: its drive has {has}; {A_HARMONIC}"
+        return f"the scene has no {name}: its drive has {has}; add a table {A_HARMONIC}"
     if entry in SINGLE_LOADS and count:
         one = f"drive.harmonic[0].{entry.removesuffix('_0')}"
         many = "" if entry == "beta" else "drive.level for all of them, or "

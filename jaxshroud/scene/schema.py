@@ -23,9 +23,16 @@ from pydantic import (
     create_model,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
 
 from jaxshroud.scene.checks import DEFAULT_TRANSIENT, MAX_AUTO_STEPS, MAX_COUNT, did_you_mean
+from jaxshroud.scene.file_rules import (
+    one_stiffness,
+    parts_are_of_its_layout,
+    points_are_of_their_face,
+    points_in_file,
+    shares_in_file,
+    smooth_has_a_width,
+)
 from jaxshroud.scene.keys import (
     ALL_KEYS,
     FROM_0,
@@ -51,14 +58,9 @@ from jaxshroud.scene.layout import (
     Layout,
     Neighbour,
     misprints,
-    require_parts,
     row_layout,
 )
-from jaxshroud.scene.point_numbers import check_number_of_points, check_points
-from jaxshroud.scene.typed import are_numbers
 from jaxshroud.scene.units import to_si
-
-NO_STIFFNESS = "no_stiffness"  # the type of pydantic's error for a [contact] without one
 
 
 def _as_list(size: int, words: str, value: Any) -> Any:
@@ -273,69 +275,13 @@ class SweepTable(Table):
         return self
 
 
-def _one_stiffness(contact: Any) -> Any:
-    cure = "one of them, e.g. gamma = 2.5 (gamma = k / k_x of the left blade)"
-    if contact.k is None and contact.gamma is None:
-        raise PydanticCustomError(NO_STIFFNESS, f"lacks a stiffness; add {cure}")  # pyright: ignore[reportArgumentType]
-    if contact.k is not None and contact.gamma is not None:
-        raise ValueError(f"gives both `k` and `gamma`; keep {cure}")
-    return contact
-
-
-def _parts_are_of_its_layout(file: Any, layout: Layout) -> Any:
-    require_parts(file.parts, file.contact.reading, layout)
-    return file
-
-
-def _smooth_has_a_width(file: Any) -> Any:
-    smooth, width = file.parts.contact == "smooth", file.contact.width
-    if smooth and width is None:
-        raise ValueError('[contact] lacks `width`; add it for contact = "smooth", e.g. width = "0.1 um"')
-    if smooth and file.contact.reading:
-        raise ValueError('[contact] reading must be "consistent" for contact = "smooth"')
-    if width is not None and not smooth:
-        raise ValueError('[contact] width is for smooth contact; drop it, or add [parts] contact = "smooth"')
-    return file
-
-
-def _points_are_of_their_face(file: Any) -> Any:
-    contact, l_ab = file.contact, file.shroud.l_ab
-    if contact.shares is not None and contact.points is None:
-        raise ValueError("[contact] shares are those of points; add points, e.g. points = 2")
-    if contact.points is None:
-        return file
-    if contact.reading or file.parts.contact != "spring":
-        other = "a printed `reading`" if contact.reading else f'contact = "{file.parts.contact}"'
-        raise ValueError(f"[contact] points go with located contact in the consistent reading, not with {other}")
-    check_points(contact.points, contact.shares, l_ab)
-    return file
-
-
 READING = (Annotated[frozenset[str], BeforeValidator(misprints), key("misprints kept", "consistent")], frozenset())
-
-
-def _points(value: Any) -> Any:
-    """A number of points, or the place of each [m], from a file."""
-    if isinstance(value, int) and not isinstance(value, bool):
-        check_number_of_points(value)
-        return value
-    places = [to_si("m", one) for one in value] if isinstance(value, list | tuple) else []
-    if not places or not are_numbers(places):
-        raise ValueError("must be a number of points, or a list of their places up the face from its middle")
-    check_number_of_points(len(places))
-    return [float(one) for one in places]
-
-
-def _list_of_shares(value: Any) -> Any:
-    if not isinstance(value, list | tuple) or not value or not are_numbers(list(value)):
-        raise ValueError("must be a list with a number for each point")
-    return [float(one) for one in value]
 
 
 _POINTS_KEY = key("points of contact of a face: how many, or where", 2)
 _SHARES_KEY = key("share of the stiffnesses of each point", [0.5, 0.5])
-POINTS = (Annotated[Annotated[Any, BeforeValidator(_points)] | None, _POINTS_KEY], None)
-POINT_SHARES = (Annotated[Annotated[Any, BeforeValidator(_list_of_shares)] | None, _SHARES_KEY], None)
+POINTS = (Annotated[Annotated[Any, BeforeValidator(points_in_file)] | None, _POINTS_KEY], None)
+POINT_SHARES = (Annotated[Annotated[Any, BeforeValidator(shares_in_file)] | None, _SHARES_KEY], None)
 TITLE = Annotated[str, key("what the scene shows, in one line", "Fig. 9", pattern=r"^[\P{Cc}\t]*$")]
 
 
@@ -375,7 +321,7 @@ def scene_file_type(layout: Layout, harmonics: int) -> Any:
     fields: dict[str, Any] = {
         "title": (TITLE, ""),
         **{table: (model, ...) for table, model in models.items()},
-        "contact": (Annotated[models["contact"], AfterValidator(_one_stiffness)], ...),
+        "contact": (Annotated[models["contact"], AfterValidator(one_stiffness)], ...),
         "initial": (models["initial"], models["initial"]()),
         "parts": (PartsTable, PartsTable()),
         "sweep": (SweepTable | None, None),
@@ -384,8 +330,8 @@ def scene_file_type(layout: Layout, harmonics: int) -> Any:
     file: Any = create_model("File", __base__=Table, **fields)
     checked: Any = Annotated[
         file,
-        AfterValidator(_smooth_has_a_width),
-        AfterValidator(_points_are_of_their_face),
-        AfterValidator(partial(_parts_are_of_its_layout, layout=layout)),
+        AfterValidator(smooth_has_a_width),
+        AfterValidator(points_are_of_their_face),
+        AfterValidator(partial(parts_are_of_its_layout, layout=layout)),
     ]
     return TypeAdapter(checked)

@@ -52,9 +52,15 @@ class Positions(NamedTuple):
 
 
 def static_positions(scenes: Scene) -> StaticPosition | None:
-    """The static positions of the blades that count of scenes (leading axis), (lanes, 1, blades) each."""
+    """The static positions of the blades that count of scenes (leading axis), (lanes, 1, blades) each.
+
+    None where there are no mean loads; then nothing is compiled for it.
+    """
+    if 0 not in scenes.drive.harmonics():
+        return None
     at = _static_positions(without_given(scenes))
-    return at and StaticPosition(*(np.asarray(a, float)[:, None, scenes.layout.counting] for a in at))
+    assert at is not None  # as there is a mean load
+    return StaticPosition(*(np.asarray(a, float)[:, None, scenes.layout.counting] for a in at))
 
 
 @kept()

@@ -20,7 +20,8 @@ from jaxshroud.model.row import pair_at
 from jaxshroud.results.base import PlainResult
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import COORDINATES, MOTIONS, Parts
-from jaxshroud.scene.scene import Scene, Shroud, with_parts
+from jaxshroud.scene.other_parts import with_parts
+from jaxshroud.scene.scene import Scene, Shroud
 from jaxshroud.scene.typed import typed
 from jaxshroud.verbs.arguments import check_row, one_scene
 

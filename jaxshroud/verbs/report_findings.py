@@ -15,8 +15,8 @@ from jaxshroud.results.diagnosis import Diagnosis
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.quantities import RequiredReduction
 from jaxshroud.scene.scene import Scene
-from jaxshroud.verbs.check import LEAST_DRIVEN
 from jaxshroud.verbs.diagnose import diagnose
+from jaxshroud.verbs.doubts import LEAST_DRIVEN
 from jaxshroud.verbs.sheet_tables import mode_rows
 
 

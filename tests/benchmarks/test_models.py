@@ -19,7 +19,8 @@ from jaxshroud.batch.xla import best_mapping
 from jaxshroud.march.method import FAST
 from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.layout import Parts
-from jaxshroud.scene.scene import Scene, with_parts
+from jaxshroud.scene.other_parts import with_parts
+from jaxshroud.scene.scene import Scene
 
 pytestmark = pytest.mark.benchmark
 RESULT = Path(__file__).parent / "results" / "models.json"

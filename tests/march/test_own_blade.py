@@ -24,7 +24,7 @@ from jaxshroud.model.row import prepared_row, row_rhs
 from jaxshroud.scene.blades import BladeMatrices, Blades
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.layout import Parts
-from jaxshroud.scene.scene import with_parts
+from jaxshroud.scene.other_parts import with_parts
 
 N, PERIODS, STEPS = 3, 2, 12800
 ROW = row_reference.table1_row(N, False, 1, M_0=1.0)

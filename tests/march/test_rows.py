@@ -25,7 +25,7 @@ from jaxshroud.model.rhs import Recorded
 from jaxshroud.model.row import prepared_row, row_rhs
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import Parts
-from jaxshroud.scene.scene import with_parts
+from jaxshroud.scene.other_parts import with_parts
 
 STEPS, FINE = 400, 6400
 

@@ -17,8 +17,9 @@ from jaxshroud.scene.checks import InputError, KeyNameError, SceneError
 from jaxshroud.scene.config import load, parse
 from jaxshroud.scene.keys import ALL_KEYS, ROW_KEYS, find_key, number_shape
 from jaxshroud.scene.layout import LIMITED, MISPRINTS, row_layout
+from jaxshroud.scene.other_parts import with_laws, with_parts
 from jaxshroud.scene.overrides import axis
-from jaxshroud.scene.scene import Row, with_laws, with_parts
+from jaxshroud.scene.scene import Row
 from jaxshroud.scene.text import text_of
 from jaxshroud.scene.vary import numbers_of, numbers_that_count, with_numbers
 from jaxshroud.verbs.arguments import leading_axes

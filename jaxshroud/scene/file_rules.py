@@ -1,0 +1,73 @@
+"""Rules of scene files that concern several entries, and points of contact as a file gives them."""
+
+from typing import Any
+
+from pydantic_core import PydanticCustomError
+
+from jaxshroud.scene.layout import Layout, require_parts
+from jaxshroud.scene.point_numbers import check_number_of_points, check_points
+from jaxshroud.scene.typed import are_numbers
+from jaxshroud.scene.units import to_si
+
+NO_STIFFNESS = "no_stiffness"  # the type of pydantic's error for a [contact] without one
+
+
+def one_stiffness(contact: Any) -> Any:
+    """The table [contact], which gives k or gamma."""
+    cure = "one of them, e.g. gamma = 2.5 (gamma = k / k_x of the left blade)"
+    if contact.k is None and contact.gamma is None:
+        raise PydanticCustomError(NO_STIFFNESS, f"lacks a stiffness; add {cure}")  # pyright: ignore[reportArgumentType]
+    if contact.k is not None and contact.gamma is not None:
+        raise ValueError(f"gives both `k` and `gamma`; keep {cure}")
+    return contact
+
+
+def parts_are_of_its_layout(file: Any, layout: Layout) -> Any:
+    """The file, whose parts a pair or a row can have."""
+    require_parts(file.parts, file.contact.reading, layout)
+    return file
+
+
+def smooth_has_a_width(file: Any) -> Any:
+    """The file, which gives a width for smooth contact and for no other."""
+    smooth, width = file.parts.contact == "smooth", file.contact.width
+    if smooth and width is None:
+        raise ValueError('[contact] lacks `width`; add it for contact = "smooth", e.g. width = "0.1 um"')
+    if smooth and file.contact.reading:
+        raise ValueError('[contact] reading must be "consistent" for contact = "smooth"')
+    if width is not None and not smooth:
+        raise ValueError('[contact] width is for smooth contact; drop it, or add [parts] contact = "smooth"')
+    return file
+
+
+def points_are_of_their_face(file: Any) -> Any:
+    """The file, whose points of contact lie on the face and go with its contact."""
+    contact, l_ab = file.contact, file.shroud.l_ab
+    if contact.shares is not None and contact.points is None:
+        raise ValueError("[contact] shares are those of points; add points, e.g. points = 2")
+    if contact.points is None:
+        return file
+    if contact.reading or file.parts.contact != "spring":
+        other = "a printed `reading`" if contact.reading else f'contact = "{file.parts.contact}"'
+        raise ValueError(f"[contact] points go with located contact in the consistent reading, not with {other}")
+    check_points(contact.points, contact.shares, l_ab)
+    return file
+
+
+def points_in_file(value: Any) -> Any:
+    """A number of points, or the place of each [m], from a file."""
+    if isinstance(value, int) and not isinstance(value, bool):
+        check_number_of_points(value)
+        return value
+    places = [to_si("m", one) for one in value] if isinstance(value, list | tuple) else []
+    if not places or not are_numbers(places):
+        raise ValueError("must be a number of points, or a list of their places up the face from its middle")
+    check_number_of_points(len(places))
+    return [float(one) for one in places]
+
+
+def shares_in_file(value: Any) -> Any:
+    """The shares of the stiffnesses of points, from a file."""
+    if not isinstance(value, list | tuple) or not value or not are_numbers(list(value)):
+        raise ValueError("must be a list with a number for each point")
+    return [float(one) for one in value]
