@@ -190,7 +190,7 @@ def _displaced_by_interference(system: LinearContact, gaps: np.ndarray, alpha: f
     depth = np.maximum(-gaps, 0.0) * math.sin(alpha)
     v_q, k = system.v_q[:, bends], np.where(depth > 0, system.k, 0.0)
     displacement = np.zeros(len(system.moves))
-    stiffness = np.diag(system.stiffness[bends]) + v_q.T @ (k[:, None] * v_q)
+    stiffness = system.own_stiffness[np.ix_(bends, bends)] + v_q.T @ (k[:, None] * v_q)
     displacement[bends] = np.linalg.solve(stiffness, -v_q.T @ (k * depth))
     x, y, _ = displacement.reshape(3, -1)
     return np.hypot(x, y)
