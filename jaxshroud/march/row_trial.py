@@ -60,9 +60,9 @@ from jaxshroud.model.row import (
     Each,
     RowModel,
     blade_energies,
-    coupling_energies,
     clusters,
     clusters_of,
+    coupling_energies,
     over,
     pair_states,
 )

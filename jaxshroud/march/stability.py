@@ -82,19 +82,18 @@ def _stiffness_of(scene: Scene) -> _Stiffness:
     moves = jnp.array([scene.parts.has(name, i) for name in ("x", "y", "theta") for i in (0, 1)])
     mobility = jnp.where(moves, 1 / mass, 0.0)
     blades = jnp.diag(jnp.concatenate([b.k_x, b.k_y, b.k_T]))
-    damping = jnp.concatenate([b.c_x, b.c_y, b.c_T])
-    if scene.is_coupled:
-        between = coupling_bounds(scene)
-        blades, damping = blades + between.stiffness, damping + between.damping
+    between = coupling_bounds(scene) if scene.is_coupled else None
+    engaged = blades if between is None else blades + between.stiffness
     k, k_d, haste = filled((law.normal_stiffness, law.tangential_stiffness, law.slider_haste), mass[0])
 
     def touching(case: Int[Array, ""]) -> Float[Array, "6 6"]:
         v_q, u_q = contact_gradients(case, block, mass)
-        return blades + k * jnp.outer(v_q, v_q) + k_d * jnp.outer(u_q, u_q)
+        return engaged + k * jnp.outer(v_q, v_q) + k_d * jnp.outer(u_q, u_q)
 
-    stiffness = jnp.concatenate([jax.vmap(touching)(jnp.array([3, 1], jnp.int32)), blades[None]])
-    damping = damping * mobility / 2
-    excess = damping**2 - jnp.concatenate([b.k_x, b.k_y, b.k_T]) * mobility
+    stiffness = jnp.concatenate([jax.vmap(touching)(jnp.array([3, 1], jnp.int32)), engaged[None]])
+    damping = jnp.concatenate([b.c_x, b.c_y, b.c_T]) * mobility / 2
+    damping = damping if between is None else damping + between.damping * mobility / 2
+    excess = damping**2 - jnp.diag(blades) * mobility
     fading = jnp.max(jnp.where(excess > 0, damping + jnp.sqrt(jnp.maximum(excess, 0.0)), 0.0))
     return _Stiffness(stiffness * jnp.sqrt(jnp.outer(mobility, mobility))[None], fading, haste, _relaxation(law, scene))
 

@@ -67,9 +67,8 @@ def _of_elastic_blades(scene: Scene, omega: Scalar, between: list[Any], force: l
         [[lax.complex(stiffness[i][j] - mass[i][j] * omega**2, damping[i][j] * omega) for j in size] for i in size]
     )
     none = jnp.zeros_like(force[0])
-    rows = [
-        [a + none for a in row] if scene.parts.has(n, 0) else [none] * len(row) for n, row in zip(COORDINATES, shroud)
-    ]
+    moving = [scene.parts.has(name, 0) for name in COORDINATES]
+    rows = [[a + none if moves else none for a in row] for moves, row in zip(moving, shroud, strict=True)]
     H = [times_vector(rows, times_vector(inverse, column)) for column in rows]  # H[b][a]: of a by a force along b
     blocks = [[jnp.diag(H[b][a]) for b in range(3)] for a in range(3)]
     receptance = jnp.block(blocks)

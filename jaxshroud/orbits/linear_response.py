@@ -53,8 +53,8 @@ def linear_systems(scenes: Scene, contact: NaturalContact, coordinate: int) -> L
         coordinate: The displacements that are asked for: x, y or theta, 0 to 2.
 
     Source:
-        Eq. (1) with the stiffness K of the blades, of what couples them, and of `contact_stiffness`. Preload, offsets of sliders and mean
-        displacements are not in it.
+        Eq. (1) with the stiffness K of the blades, of their coupling, and of `contact_stiffness`. Preload, offsets of
+        sliders and mean displacements are not in it.
     """
 
     def one(scene: Scene) -> LinearSystem:

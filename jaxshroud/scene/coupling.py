@@ -59,7 +59,8 @@ class Aero(eqx.Module):
 
     def coefficient(self, name: str) -> tuple[Any, Any] | None:
         """The real and the imaginary part of L0, L1 or L_1, with zero for one that is None; None for both."""
-        re, im = getattr(self, f"{name}_re"), getattr(self, f"{name}_im")
+        re: Any = getattr(self, f"{name}_re")
+        im: Any = getattr(self, f"{name}_im")
         if re is None and im is None:
             return None
         return 0 * im if re is None else re, 0 * re if im is None else im

@@ -171,7 +171,9 @@ class Capability(NamedTuple):
 OWN_LAWS = '`parts.contact` = "own"'  # user laws; a law of contact of one's own may know rows
 NO_CONTACT = '`parts.contact` = "none"'  # which scenes may have, and verbs refuse
 AERO_FORCES = "[aero]"
-COUPLED_WITHOUT_CONTACT = 'Coupled blades without contact have no closed form here: drop `parts.contact` = "none", and give a large shroud.gap.'
+COUPLED_WITHOUT_CONTACT = (
+    'Coupled blades have no closed form through time: drop `parts.contact` = "none", and give a large shroud.gap.'
+)
 TWO_BLADES = "it reads the state as the 13 numbers of two blades with one slider"
 CAPABILITIES = (
     Capability("`attractors`", "pair so far", "motions are told apart by orbits of two blades with one slider"),
