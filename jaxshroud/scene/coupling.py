@@ -61,6 +61,6 @@ class Aero(eqx.Module):
         """The real and the imaginary part of L0, L1 or L_1, with zero for one that is None; None for both."""
         re: Any = getattr(self, f"{name}_re")
         im: Any = getattr(self, f"{name}_im")
-        if re is None and im is None:
-            return None
-        return 0 * im if re is None else re, 0 * re if im is None else im
+        if re is None:
+            return None if im is None else (0 * im, im)
+        return re, 0 * re if im is None else im
