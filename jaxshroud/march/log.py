@@ -19,7 +19,8 @@ from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State, touches_at_corners
 from jaxshroud.model.rhs import rhs
-from jaxshroud.model.row import Each, OfInterfaces, RowModel, both_sides, over, pair_states
+from jaxshroud.model.row import Each, OfInterfaces, RowModel, over, pair_states
+from jaxshroud.model.sides import both_sides
 from jaxshroud.scene.keys import Motion
 
 

@@ -18,6 +18,7 @@ from jaxshroud.march.method import StepCount
 from jaxshroud.march.tableau import MIN_STEPS, RK4, Tableau, TaylorOptions
 from jaxshroud.model.arithmetic import Scalar, filled
 from jaxshroud.model.contact_law import ContactLaw
+from jaxshroud.model.coupling import coupling_bounds, couplings_of_pairs
 from jaxshroud.model.geometry import Corners, contact_kinematics, corners, pose
 from jaxshroud.model.linear import free_reach, steady_amplitudes
 from jaxshroud.model.prepared import prepared_law
@@ -81,14 +82,17 @@ def _stiffness_of(scene: Scene) -> _Stiffness:
     moves = jnp.array([scene.parts.has(name, i) for name in ("x", "y", "theta") for i in (0, 1)])
     mobility = jnp.where(moves, 1 / mass, 0.0)
     blades = jnp.diag(jnp.concatenate([b.k_x, b.k_y, b.k_T]))
+    between = coupling_bounds(scene) if scene.is_coupled else None
+    engaged = blades if between is None else blades + between.stiffness
     k, k_d, haste = filled((law.normal_stiffness, law.tangential_stiffness, law.slider_haste), mass[0])
 
     def touching(case: Int[Array, ""]) -> Float[Array, "6 6"]:
         v_q, u_q = contact_gradients(case, block, mass)
-        return blades + k * jnp.outer(v_q, v_q) + k_d * jnp.outer(u_q, u_q)
+        return engaged + k * jnp.outer(v_q, v_q) + k_d * jnp.outer(u_q, u_q)
 
-    stiffness = jnp.concatenate([jax.vmap(touching)(jnp.array([3, 1], jnp.int32)), blades[None]])
+    stiffness = jnp.concatenate([jax.vmap(touching)(jnp.array([3, 1], jnp.int32)), engaged[None]])
     damping = jnp.concatenate([b.c_x, b.c_y, b.c_T]) * mobility / 2
+    damping = damping if between is None else damping + between.damping * mobility / 2
     excess = damping**2 - jnp.diag(blades) * mobility
     fading = jnp.max(jnp.where(excess > 0, damping + jnp.sqrt(jnp.maximum(excess, 0.0)), 0.0))
     return _Stiffness(stiffness * jnp.sqrt(jnp.outer(mobility, mobility))[None], fading, haste, _relaxation(law, scene))
@@ -296,7 +300,7 @@ def _bounding_pairs(scenes: Scene) -> Scene:
 
 @kept()
 def _pairs_of_rows(rows: Scene) -> Scene:
-    """The pairs at every interface of rows, with twice the stiffness of contact.
+    """The pairs at every interface of rows, with twice the stiffness of contact and of what couples them else.
 
     A blade between two neighbours is held on both sides, and no blade by more.
     """
@@ -304,7 +308,8 @@ def _pairs_of_rows(rows: Scene) -> Scene:
     def pairs(row: Scene) -> Scene:
         at = jax.vmap(lambda j: pair_at(row, j))(jnp.arange(row.layout.interfaces))
         stiffness = lambda s: (s.contact.k, s.friction.k_d)
-        return eqx.tree_at(stiffness, at, tuple(2 * k for k in stiffness(at)))
+        at = eqx.tree_at(stiffness, at, tuple(2 * k for k in stiffness(at)))
+        return eqx.tree_at(lambda s: (s.coupling, s.aero), at, couplings_of_pairs(row)) if row.is_coupled else at
 
     return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), jax.vmap(pairs)(rows))
 

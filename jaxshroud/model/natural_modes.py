@@ -12,6 +12,7 @@ from typing import Any, Literal, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.model.coupling import CouplingMatrices, coupling_matrices
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.drive import DriveHarmonic, MeanLoad
 from jaxshroud.scene.layout import COORDINATES
@@ -34,6 +35,19 @@ class LinearContact(NamedTuple):
     u_q: Any  # (E, 3 N) gradient of their slide
     k: Any  # (E,) normal spring [N/m]
     k_d: Any  # (E,) tangential spring [N/m]
+    coupled: CouplingMatrices | None = None  # (3 N, 3 N) each, between blades without contact
+
+    @property
+    def own_stiffness(self) -> Any:
+        """The stiffness of all blades without contact, (3 N, 3 N)."""
+        own = self.stiffness[:, None] * np.eye(len(self.stiffness), dtype=self.stiffness.dtype)
+        return own if self.coupled is None else own + self.coupled.stiffness
+
+    @property
+    def own_damping(self) -> Any:
+        """The damping of all blades, (3 N, 3 N)."""
+        own = self.damping[:, None] * np.eye(len(self.damping), dtype=self.damping.dtype)
+        return own if self.coupled is None else own + self.coupled.damping
 
 
 class NaturalModes(NamedTuple):
@@ -65,7 +79,16 @@ def linear_contact(scene: Scene, gradients: Any) -> LinearContact:
         u_q=at_interfaces(gradients[1]),
         k=k,
         k_d=k_d,
+        coupled=_coupled(scene) if scene.is_coupled else None,
     )
+
+
+def _coupled(scene: Scene) -> CouplingMatrices:
+    """The matrices between blades over all coordinates."""
+    blocks = lambda each: jnp.einsum("aij,ab->aibj", each, jnp.eye(3, dtype=each.dtype)).reshape(
+        2 * (3 * each.shape[1],)
+    )
+    return CouplingMatrices(*map(blocks, coupling_matrices(scene)))
 
 
 def _at_interface(gradient: Any, j: int, count: int) -> Any:
@@ -101,12 +124,17 @@ def contact_stiffness(blades: LinearContact, contact: NaturalContact) -> Any:
 
 
 def natural_modes(blades: LinearContact, contact: NaturalContact) -> NaturalModes:
-    """The modes of all blades in one state of contact, from arrays of NumPy."""
-    K, free = np.diag(blades.stiffness) + contact_stiffness(blades, contact), free_directions(blades.moves, contact)
+    """The modes of all blades in one state of contact, from arrays of NumPy.
+
+    Forces of the flow that are not symmetric count by their symmetric part; see `nodal_diameters` for all of them.
+    """
+    K, free = blades.own_stiffness + contact_stiffness(blades, contact), free_directions(blades.moves, contact)
+    K = (K + K.T) / 2
     root = np.sqrt(free.T**2 @ blades.mass)
     squares, vectors = np.linalg.eigh(free.T @ K @ free / np.outer(root, root))
     omega, shape = np.sqrt(np.maximum(squares, TINY)), (free @ (vectors / root[:, None])).T
-    return NaturalModes(omega, shape**2 @ blades.damping / (2 * omega), shape)
+    damping = np.einsum("ni,ij,nj->n", shape, blades.own_damping, shape)
+    return NaturalModes(omega, damping / (2 * omega), shape)
 
 
 def free_directions(moves: np.ndarray, contact: NaturalContact) -> FloatArray:

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxshroud.model.arithmetic import ZERO, Scalar
 from jaxshroud.model.blade import InverseMasses, LumpedBlade, lumped_blades
 from jaxshroud.model.contact_law import ContactLaw
+from jaxshroud.model.coupling import NeighbourSprings, neighbour_springs
 from jaxshroud.model.drive import Excitation, excitation
 from jaxshroud.model.geometry import Corners, corners, gyration
 from jaxshroud.model.linear import StaticPosition, free_reach, static_position, steady_amplitudes
@@ -64,6 +65,7 @@ class Model(eqx.Module):
     gyration: Scalar  # J_A / A [m^2]
     mobility: Mobility
     static: StaticPosition | None  # from which power is measured; None: from rest
+    coupling: NeighbourSprings | None  # between the blades
     reading: frozenset[str] = eqx.field(static=True)
     parts: Parts = eqx.field(static=True)
 
@@ -74,7 +76,8 @@ def prepared_model(scene: Scene) -> Model:
     block, law, size = corners(s, reading, scene.contact.points), prepared_law(scene), gyration(s)
     blades, block, drive, size = as_pairs((lumped_blades(scene.blades), block, drive, size))
     static = as_pairs(static_position(scene))
-    return Model(blades, block, law, drive, size, _mobility(scene), static, reading, scene.parts)
+    mobility, coupling = _mobility(scene), neighbour_springs(scene)
+    return Model(blades, block, law, drive, size, mobility, static, coupling, reading, scene.parts)
 
 
 def _mobility(scene: Scene) -> Mobility:

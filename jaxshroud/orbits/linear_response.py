@@ -53,8 +53,8 @@ def linear_systems(scenes: Scene, contact: NaturalContact, coordinate: int) -> L
         coordinate: The displacements that are asked for: x, y or theta, 0 to 2.
 
     Source:
-        Eq. (1) with the stiffness K of the blades and of `contact_stiffness`. Preload, offsets of sliders and mean
-        displacements are not in it.
+        Eq. (1) with the stiffness K of the blades, of their coupling, and of `contact_stiffness`. Preload, offsets of
+        sliders and mean displacements are not in it.
     """
 
     def one(scene: Scene) -> LinearSystem:
@@ -62,13 +62,16 @@ def linear_systems(scenes: Scene, contact: NaturalContact, coordinate: int) -> L
         system, omega = linear_contact(scene, touching_gradients(scene)), scene.drive.frequency(order)
         free = jnp.asarray(free_directions(system.moves, contact), omega.dtype)
         diagonal = lambda numbers: jnp.diag(numbers @ free**2)  # no coordinate is in two directions
-        coupling = free.T @ contact_stiffness(system, contact) @ free
+        coupling, damping = free.T @ contact_stiffness(system, contact) @ free, diagonal(system.damping)
+        if system.coupled is not None:
+            coupling = coupling + free.T @ system.coupled.stiffness @ free
+            damping = damping + free.T @ system.coupled.damping @ free
         in_phase, quadrature = load
         blades = scene.blades.m.shape[-1]
         each = jnp.tile(jnp.eye(blades, dtype=omega.dtype), (3, 1))
         return LinearSystem(
             coupling + diagonal(system.stiffness) - omega**2 * diagonal(system.mass),
-            omega * diagonal(system.damping),
+            omega * damping,
             (free**2).T @ (system.stiffness[:, None] * each),
             (in_phase @ free, quadrature @ free),
             free.reshape(3, blades, -1)[coordinate],

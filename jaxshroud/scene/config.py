@@ -186,7 +186,7 @@ def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str]) -
     harmonics = resolve_orders(document, name, overridden)
     given = resolve_derived_inputs(document, name, overridden, layout)
     file = _validated(scene_file_type(layout, harmonics), document, name, overridden)
-    physics = {table: getattr(file, table) for table in ("row", *PHYSICS_TABLES)}
+    physics = {table: getattr(file, table) for table in ("row", "aero", *PHYSICS_TABLES)}
     tables = {table: table_values(of_file) for table, of_file in physics.items() if of_file is not None}
     loaded = SceneFile(name, file.title, tables, file.run, given=given)
     if len(overrides):

@@ -170,6 +170,10 @@ class Capability(NamedTuple):
 
 OWN_LAWS = '`parts.contact` = "own"'  # user laws; a law of contact of one's own may know rows
 NO_CONTACT = '`parts.contact` = "none"'  # which scenes may have, and verbs refuse
+AERO_FORCES = "[aero]"
+COUPLED_WITHOUT_CONTACT = (
+    'Coupled blades have no closed form through time: drop `parts.contact` = "none", and give a large shroud.gap.'
+)
 TWO_BLADES = "it reads the state as the 13 numbers of two blades with one slider"
 CAPABILITIES = (
     Capability("`attractors`", "pair so far", "motions are told apart by orbits of two blades with one slider"),
@@ -194,6 +198,9 @@ CAPABILITIES = (
         "a mean displacement as an aim", "pair", "its sign differs from blade to blade of a row; take rms or peak"
     ),
     Capability("`mistune`", "rows", "it scatters the stiffnesses of many blades; add a table [row]"),
+    Capability(
+        AERO_FORCES, "rows", "influence coefficients are of blades with neighbours on both sides; add a table [row]"
+    ),
     Capability("P_d_worst", "rows", "of a pair one blade counts, the left one; take P_d"),
 )
 LIMITED = {capability.name: capability for capability in CAPABILITIES}

@@ -4,11 +4,13 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from jaxshroud.scene.checks import KeyNameError
-from jaxshroud.scene.keys import ALL_KEYS, HARMONIC_ENTRY, SINGLE_LOADS
+from jaxshroud.scene.keys import AERO_KEYS, ALL_KEYS, HARMONIC_ENTRY, SINGLE_LOADS, keys_of_table
 
 NO_WIDTH = "The scene's contact is not smooth: it has no width."
 MEAN_LOADS = ("drive.F_x_mean", "drive.F_y_mean", "drive.M_mean")
-WITHOUT_EFFECT = {"drive.level": 1.0, **dict.fromkeys(MEAN_LOADS, 0.0)}  # of which a scene without them is the same
+COUPLINGS = tuple(row.name for row in (*keys_of_table("coupling"), *AERO_KEYS))
+# of which a scene without them is the same
+WITHOUT_EFFECT = {"drive.level": 1.0, **dict.fromkeys((*MEAN_LOADS, *COUPLINGS), 0.0)}
 A_HARMONIC = "[[drive.harmonic]] with order = 2, F = 20 and beta = 0.5"  # an example
 
 
@@ -72,5 +74,7 @@ def standing_for(name: str, numbers: Mapping[str, Any]) -> Any:
     if name == "blades.m_y":
         return numbers["blades.m"]
     if name in WITHOUT_EFFECT:
-        return WITHOUT_EFFECT[name] + 0 * numbers["drive.phase" if ALL_KEYS[name].pair else "drive.omega"]
+        row = ALL_KEYS[name]
+        like = "drive.phase" if row.pair else "shroud.gap" if row.per_interface else "drive.omega"
+        return WITHOUT_EFFECT[name] + 0 * numbers[like]
     return 0 * numbers[name.replace(".phase", ".F")]  # of a harmonic

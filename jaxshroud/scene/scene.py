@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxshroud.scene.blades import BladeMatrices, Blades
 from jaxshroud.scene.checks import InputError, type_argument, word_argument
+from jaxshroud.scene.coupling import Aero, Coupling
 from jaxshroud.scene.drive import Drive, Harmonic
 from jaxshroud.scene.fields import PerBlade, per_blade, scalar
 from jaxshroud.scene.keys import (
@@ -24,6 +25,8 @@ from jaxshroud.scene.keys import (
 )
 from jaxshroud.scene.laws import Number, SceneLaw
 from jaxshroud.scene.layout import (
+    AERO_FORCES,
+    COUPLED_WITHOUT_CONTACT,
     OWN_LAWS,
     Layout,
     Parts,
@@ -158,9 +161,12 @@ class Scene(eqx.Module):
     laws: SceneLaw | None = None  # user laws of contact and friction, or a law of contact of one's own
     given: dict[str, Any] = eqx.field(converter=_given, default_factory=dict)  # inputs by their keys
     row: Row | None = None  # None: the pair
+    coupling: Coupling = Coupling()  # between neighbours
+    aero: Aero = Aero()  # of the flow, in rows alone
 
     def __check_init__(self):
-        for name, kind in {**TABLE_CLASSES, "initial": Motion, "parts": Parts}.items():
+        kinds = {**TABLE_CLASSES, "initial": Motion, "parts": Parts, "coupling": Coupling, "aero": Aero}
+        for name, kind in kinds.items():
             type_argument(name, getattr(self, name), kind, f"that of another scene, scene.{name}")
         if (self.parts.contact == "own") != (self.laws is not None):
             raise InputError("Own laws of contact are given in Python, by js.with_laws; no file can name them.")
@@ -178,6 +184,10 @@ class Scene(eqx.Module):
         if self.row is not None:
             type_argument("row", self.row, Row, "Row(12, closed=True)")
         require_parts(self.parts, self.contact.reading, self.layout)
+        if self.aero.exists:
+            require_capability(AERO_FORCES, self.layout)
+        if self.is_coupled and self.parts.contact == "none":
+            raise InputError(COUPLED_WITHOUT_CONTACT)
         if self.laws is not None and not self.laws.marches_in_rows:
             require_capability(OWN_LAWS, self.layout)
         check_numbers("initial", self.initial)
@@ -230,6 +240,11 @@ class Scene(eqx.Module):
         return layout_with(self.row)
 
     @property
+    def is_coupled(self) -> bool:
+        """Whether blades act on each other without contact too."""
+        return self.coupling.exists or self.aero.exists
+
+    @property
     def points(self) -> int:
         """The number of points of contact of a face; 0 where a corner touches."""
         return 0 if self.contact.points is None else self.contact.points.number
@@ -264,6 +279,8 @@ def scene_of(tables: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]) 
         Parts(**{**parts, "motion": tuple(parts["motion"])}),
         given=given,  # pyright: ignore[reportArgumentType]
         row=row,
+        coupling=Coupling(**tables.get("coupling", {})),
+        aero=Aero(**tables.get("aero", {})),
     )
 
 

@@ -27,7 +27,7 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import check_number
 
-TABLE_NAMES = ("blades", "shroud", "contact", "friction", "drive", "initial", "row")
+TABLE_NAMES = ("blades", "shroud", "contact", "friction", "coupling", "drive", "initial", "row", "aero")
 
 
 def fields_of(scene: Scene) -> dict[str, Any]:
@@ -259,8 +259,9 @@ def numbers_that_count(scene: Scene) -> tuple[str, ...]:
 
 _UNUSED = {
     "initial": {key for key in KEYS if key.startswith("initial.")},
-    "y": {"blades.k_y", "blades.c_y", "blades.m_y"},
-    "theta": {"blades.I", "blades.k_T", "blades.c_T", "drive.M_0", "shroud.l_oa", "shroud.l_ab"},
+    "y": {"blades.k_y", "blades.c_y", "blades.m_y", "coupling.k_y", "coupling.c_y"},
+    "theta": {"blades.I", "blades.k_T", "blades.c_T", "drive.M_0", "shroud.l_oa", "shroud.l_ab"}
+    | {"coupling.k_T", "coupling.c_T"},
     "contact": {"contact.k", "contact.gamma", *(key for key in KEYS if key.startswith("shroud."))},
     "friction": {"friction.k_d", "friction.mu"},
 }

@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
 from jaxshroud.model.natural_modes import (
@@ -45,7 +46,7 @@ def modes_of(
         system: The blades and their contact, see `linear_contact`.
         loads: What drives them, see `drive_loads`.
     """
-    blades = LinearContact(*(a if a.dtype == bool else a.astype(float) for a in system))
+    blades = jax.tree.map(lambda a: a if a.dtype == bool else a.astype(float), system)
     driven = [(a.astype(float) + 1j * b.astype(float)) * blades.moves for a, b in loads.values()]
     words = WORDS_OF_PAIRS if arrays.row is None else _words_of_row(arrays.row.closed)
     found = [_modes_in(blades, contact, driven, words) for contact in _contacts_of(arrays, k)]
