@@ -5,6 +5,7 @@ from typing import Any
 
 from jaxshroud.scene.checks import KeyNameError
 from jaxshroud.scene.keys import ALL_KEYS, HARMONIC_ENTRY, SINGLE_LOADS
+from jaxshroud.scene.speed import GROWTHS, UNTWIST
 
 NO_WIDTH = "The scene's contact is not smooth: it has no width."
 MEAN_LOADS = ("drive.F_x_mean", "drive.F_y_mean", "drive.M_mean")
@@ -49,6 +50,8 @@ def _absence(name: str, drive: Collection[str]) -> str:
     """Why a scene whose drive has these entries cannot have a number; empty: it can."""
     if name == "contact.width":
         return NO_WIDTH
+    if name in UNTWIST:
+        return f"the scene has no {name}: its gap does not depend on its speed; add {' and '.join(UNTWIST)} to its file"
     table, _, entry = name.partition(".")
     match, count = HARMONIC_ENTRY.fullmatch(entry), harmonic_count(drive)
     if table != "drive":
@@ -71,6 +74,8 @@ def standing_for(name: str, numbers: Mapping[str, Any]) -> Any:
     """What stands for a number that is not there: the mass for that in y, or what changes nothing, of any array."""
     if name == "blades.m_y":
         return numbers["blades.m"]
+    if name in GROWTHS:
+        return 0 * numbers["blades.m"]
     if name in WITHOUT_EFFECT:
         return WITHOUT_EFFECT[name] + 0 * numbers["drive.phase" if ALL_KEYS[name].pair else "drive.omega"]
     return 0 * numbers[name.replace(".phase", ".F")]  # of a harmonic

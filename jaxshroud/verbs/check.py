@@ -75,7 +75,7 @@ def check(
     check_row(scene)
     arrays = jax.tree.map(np.asarray, scene)
     free, k, gyration_of_block, lever, system, load = jax.tree.map(np.asarray, _free_and_touching(scene))
-    b, s = arrays.mistuned_blades, arrays.shroud
+    b, s = arrays.mistuned_blades, arrays.running_shroud
     k = np.atleast_1d(k)
     gaps = np.atleast_1d(s.gap) - _closed_by_mean_loads(free, float(s.alpha), np.size(s.gap))
     across, along = _relative_motions(free, float(s.alpha), len(gaps))
@@ -105,7 +105,7 @@ def check(
 def _at_interfaces(arrays: Scene, k: np.ndarray, approach: np.ndarray, slide: np.ndarray) -> dict[str, Any]:
     """The fields of the data sheet on each interface of a row."""
     assert arrays.row is not None
-    numbers = {"gaps": arrays.shroud.gap, "approaches": approach, "slides": slide}
+    numbers = {"gaps": arrays.running_shroud.gap, "approaches": approach, "slides": slide}
     return {
         **{name: _floats(a) for name, a in numbers.items()},
         "gammas": _floats(k / arrays.blades.k_x[: len(k)]),
