@@ -76,7 +76,7 @@ class _Stiffness(NamedTuple):
 
 def _stiffness_of(scene: Scene) -> _Stiffness:
     b, law = scene.running_blades, prepared_law(scene)
-    block = corners(scene.shroud, scene.contact.reading)
+    block = corners(scene.running_shroud, scene.contact.reading)
     mass = jnp.concatenate([b.m, b.inertia_y, b.I])
     moves = jnp.array([scene.parts.has(name, i) for name in ("x", "y", "theta") for i in (0, 1)])
     mobility = jnp.where(moves, 1 / mass, 0.0)

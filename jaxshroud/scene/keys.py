@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from jaxshroud.scene.checks import KeyNameError, hint
 from jaxshroud.scene.layout import PAIR, Layout
+from jaxshroud.scene.ranges import ANY, ANY_WHOLE, FACE, FROM_0, POSITIVE, Range
 
 
 class Motion(NamedTuple):
@@ -31,37 +32,6 @@ HARMONIC_ENTRY = re.compile(r"harmonic\[(?P<index>0|[1-9]\d?)\]\.(?P<name>\w+)")
 SINGLE_LOADS = ("beta", "F_0", "M_0")  # of a drive without a list of harmonics
 MAX_ORDER = 99  # of a harmonic
 MIN_BLADES, MAX_BLADES = 2, 512  # of a row
-
-
-class Range(NamedTuple):
-    """The range of a number."""
-
-    words: str
-    minimum: float = -math.inf
-    open: bool = False  # whether the minimum itself is excluded
-    maximum: float = math.inf
-    whole: bool = False  # whether only whole numbers are in the range
-
-    def holds(self, value):
-        """Whether a number, or each of an array, is in the range."""
-        above = value > self.minimum if self.open else value >= self.minimum
-        inside = (abs(value) < math.inf) & above & (value <= self.maximum)
-        return inside & _is_whole(value) if self.whole else inside
-
-    def fault(self, value: float) -> str:
-        """The message for a number outside the range."""
-        if not abs(value) < math.inf:
-            return "must be a finite number"
-        if self.whole and not _is_whole(value):
-            return "must be a whole number"
-        if value > self.maximum:
-            return f"must be less than or equal to {self.maximum}"
-        return f"must be greater than {'' if self.open else 'or equal to '}{self.minimum:g}"
-
-
-def _is_whole(value):
-    """Whether a number, or each of an array, is whole."""
-    return value.round() == value if hasattr(value, "round") else float(value).is_integer()
 
 
 class Key(NamedTuple):
@@ -96,9 +66,6 @@ class Key(NamedTuple):
         return DISPLAY_UNITS.get(self.name) or DISPLAY_UNITS.get(self.unit, (self.unit, 1.0))
 
 
-ANY, POSITIVE, FROM_0 = Range("any"), Range("> 0", 0.0, open=True), Range(">= 0", 0.0)
-ANY_WHOLE = Range("whole", whole=True)
-FACE = Range("> 0, <= pi/2", 0.0, open=True, maximum=math.pi / 2)
 DISPLAY_UNITS = {  # SI unit, or key -> unit in pictures, and its number per SI unit
     "rad": ("°", 180 / math.pi),
     "m": ("mm", 1e3),
@@ -146,9 +113,15 @@ SCENE_KEYS = (
     blade_key("blades.c_y", "N s/m", FROM_0, "c_y", "damping", "19.6 N s/m", "damping in y"),
     blade_key("blades.c_T", "N m s/rad", FROM_0, "c_T", "torsion damping", "0.506 N m s/rad"),
     blade_key("blades.m_y", "kg", POSITIVE, "m_y", "mass in y", "0.08 kg", "mass against motion in y", default=None),
-    blade_key("blades.B_x", "", ANY, "B_x", "growth with speed", 1.1, "growth of k_x, by m times speed^2", default=None),
-    blade_key("blades.B_y", "", ANY, "B_y", "growth with speed", 1.1, "growth of k_y, by m times speed^2", default=None),
-    blade_key("blades.B_T", "", ANY, "B_T", "growth with speed", 0.5, "growth of k_T, by I times speed^2", default=None),
+    blade_key(
+        "blades.B_x", "", ANY, "B_x", "growth with speed", 1.1, "growth of k_x, by m times speed^2", default=None
+    ),
+    blade_key(
+        "blades.B_y", "", ANY, "B_y", "growth with speed", 1.1, "growth of k_y, by m times speed^2", default=None
+    ),
+    blade_key(
+        "blades.B_T", "", ANY, "B_T", "growth with speed", 0.5, "growth of k_T, by I times speed^2", default=None
+    ),
     scene_key(
         "shroud.alpha", "rad", FACE, r"\alpha", "shroud angle", "60 deg", "acute angle of the block, at most pi/2"
     ),
@@ -158,9 +131,7 @@ SCENE_KEYS = (
         "shroud.gap", "m", ANY, r"\Delta", "initial gap", "0.022 mm", "initial gap along x; negative: interference"
     ),
     interface_key("shroud.gap_at", "m", ANY, r"\Delta_\Omega", "gap at speed", "-5 um", "gap at gap_at_speed", None),
-    scene_key(
-        "shroud.gap_at_speed", "rad/s", POSITIVE, r"\Omega_\Delta", "speed of gap_at", "3000 rpm", default=None
-    ),
+    scene_key("shroud.gap_at_speed", "rad/s", POSITIVE, r"\Omega_\Delta", "speed of gap_at", "3000 rpm", default=None),
     interface_key("contact.k", "N/m", FROM_0, "k", "contact stiffness", "2.5e5 N/m", "impact stiffness", default=None),
     interface_key(
         "contact.gamma", "", FROM_0, r"\gamma = k/k_x", "stiffness ratio", 2.5, "stiffness ratio k / k_x", None

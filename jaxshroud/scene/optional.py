@@ -9,7 +9,7 @@ from jaxshroud.scene.speed import GROWTHS, UNTWIST
 
 NO_WIDTH = "The scene's contact is not smooth: it has no width."
 MEAN_LOADS = ("drive.F_x_mean", "drive.F_y_mean", "drive.M_mean")
-WITHOUT_EFFECT = {"drive.level": 1.0, **dict.fromkeys(MEAN_LOADS, 0.0)}  # of which a scene without them is the same
+WITHOUT_EFFECT = {"drive.level": 1.0, **dict.fromkeys((*MEAN_LOADS, *GROWTHS), 0.0)}  # of which a scene is the same
 A_HARMONIC = "[[drive.harmonic]] with order = 2, F = 20 and beta = 0.5"  # an example
 
 
@@ -74,8 +74,6 @@ def standing_for(name: str, numbers: Mapping[str, Any]) -> Any:
     """What stands for a number that is not there: the mass for that in y, or what changes nothing, of any array."""
     if name == "blades.m_y":
         return numbers["blades.m"]
-    if name in GROWTHS:
-        return 0 * numbers["blades.m"]
     if name in WITHOUT_EFFECT:
         return WITHOUT_EFFECT[name] + 0 * numbers["drive.phase" if ALL_KEYS[name].pair else "drive.omega"]
     return 0 * numbers[name.replace(".phase", ".F")]  # of a harmonic

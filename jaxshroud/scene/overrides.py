@@ -11,13 +11,14 @@ from pydantic import TypeAdapter, ValidationError
 from jaxshroud.scene.checks import MAX_VALUES
 from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, alternative_keys, check_known
 from jaxshroud.scene.file import Axis, SceneFile
-from jaxshroud.scene.keys import ALL_KEYS, ANY, HARMONIC_ENTRY, KEYS, Key, find_key, list_words, number_shape
+from jaxshroud.scene.keys import ALL_KEYS, HARMONIC_ENTRY, KEYS, Key, find_key, list_words, number_shape
 from jaxshroud.scene.layout import Layout, layout_with
 from jaxshroud.scene.messages import fail, problem_text, toml_text
 from jaxshroud.scene.optional import require_number
+from jaxshroud.scene.ranges import ANY
 from jaxshroud.scene.replacing import STIFFNESS_KEYS
-from jaxshroud.scene.speed import keys_in, replaced_by
 from jaxshroud.scene.schema import TABLE_MODELS, RowTable, SweepTable, number_type, row_table_of
+from jaxshroud.scene.speed import keys_in, replaced_by
 from jaxshroud.scene.units import is_speed_of_rotation
 
 OVERRIDE = re.compile(r"\s*([a-z]+)\.(\w+|harmonic\[\d+\]\.\w+)(?:\[(0|[1-9]\d{0,3})\])?\s*=\s*(\S.*?)\s*")

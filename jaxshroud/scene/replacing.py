@@ -70,8 +70,9 @@ def renamed_numbers(
         own = number_shape(number, layout)
         if index is not None:
             value = xp.where(np.arange(*own) == index, value[..., None], _all_of(number, index, holder, numbers))
-        require_phases_of_order(number.name, numbers)
-        others = replaced_by(number.name, alternative_keys(number.name, layout), numbers)
+        others = alternative_keys(number.name, layout)
+        require_phases_of_order(number.name, others, numbers)
+        others = replaced_by(number.name, others, numbers)
         for other in (*others, *([] if is_input else [number.name])):
             given.pop(other, None)
         numbers.pop(STIFFNESS_KEYS.get(number.name, ""), None)

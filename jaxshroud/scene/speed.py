@@ -14,7 +14,8 @@ import numpy as np
 from jaxshroud.scene.checks import KeyNameError, SceneError
 
 ORDER = "drive.engine_order"
-GROWTHS = {"blades.B_x": ("k_x", "m"), "blades.B_y": ("k_y", "m_y"), "blades.B_T": ("k_T", "I")}  # k(Omega) = k + B m Omega^2
+# (k, m) of each growth B: k(Omega) = k + B m Omega^2
+GROWTHS = {"blades.B_x": ("k_x", "m"), "blades.B_y": ("k_y", "m_y"), "blades.B_T": ("k_T", "I")}
 UNTWIST = ("shroud.gap_at", "shroud.gap_at_speed")
 SPEED_KEYS = (*GROWTHS, UNTWIST[0])
 
@@ -96,9 +97,15 @@ def _check_growth(
     )
 
 
-def require_phases_of_order(name: str, numbers: Container[str]) -> None:
-    """Raise a KeyNameError where other phases would take from a scene the engine order that its speed needs."""
-    if name == "drive.phase" and depends_on_speed(numbers):
+def require_phases_of_order(name: str, others: Container[str], numbers: Container[str]) -> None:
+    """Raise a KeyNameError where other phases would take from a row the engine order that its speed needs.
+
+    Args:
+        name: The number that is replaced.
+        others: The keys of which it takes the place.
+        numbers: The numbers of the scene by their keys.
+    """
+    if name == "drive.phase" and ORDER in others and depends_on_speed(numbers):
         raise KeyNameError(
             f"drive.phase is that of {ORDER} in a row whose stiffness or gap depends on its speed; "
             "name drive.harmonic[0].phase for one with a list of harmonics"
