@@ -76,8 +76,8 @@ class _Stiffness(NamedTuple):
 
 
 def _stiffness_of(scene: Scene) -> _Stiffness:
-    b, law = scene.blades, prepared_law(scene)
-    block = corners(scene.shroud, scene.contact.reading)
+    b, law = scene.running_blades, prepared_law(scene)
+    block = corners(scene.running_shroud, scene.contact.reading)
     mass = jnp.concatenate([b.m, b.inertia_y, b.I])
     moves = jnp.array([scene.parts.has(name, i) for name in ("x", "y", "theta") for i in (0, 1)])
     mobility = jnp.where(moves, 1 / mass, 0.0)
@@ -104,7 +104,7 @@ def _relaxation(law: ContactLaw, scene: Scene) -> Scalar:
         return jnp.zeros_like(scene.drive.omega)
     free, lever = steady_amplitudes(scene), (scene.shroud.l_oa + scene.shroud.l_ab) / 2
     reach = jnp.sum(free_reach(free, "x") + free_reach(free, "y") + lever * free_reach(free, "theta"))
-    return law.relaxation(scene.drive.frequency(max(free)) * (reach + jnp.abs(scene.shroud.gap)))
+    return law.relaxation(scene.drive.frequency(max(free)) * (reach + jnp.abs(scene.running_shroud.gap)))
 
 
 def _frequencies(of: _Stiffness, xp: ModuleType, eigenvalues: Callable[[Any], Any]) -> tuple[Any, Any]:

@@ -72,9 +72,9 @@ class Model(eqx.Module):
 
 def prepared_model(scene: Scene) -> Model:
     """The constants of a scene."""
-    s, drive, reading = scene.shroud, excitation(scene.drive), scene.contact.reading
+    s, drive, reading = scene.running_shroud, excitation(scene.drive), scene.contact.reading
     block, law, size = corners(s, reading, scene.contact.points), prepared_law(scene), gyration(s)
-    blades, block, drive, size = as_pairs((lumped_blades(scene.blades), block, drive, size))
+    blades, block, drive, size = as_pairs((lumped_blades(scene.running_blades), block, drive, size))
     static = as_pairs(static_position(scene))
     mobility, coupling = _mobility(scene), neighbour_springs(scene)
     return Model(blades, block, law, drive, size, mobility, static, coupling, reading, scene.parts)
@@ -167,7 +167,7 @@ def _free_speed(scene: Scene) -> Scalar:
     """The largest approach speed of the free blades, and at least one gap per radian [m/s]."""
     free, drive = steady_amplitudes(scene), scene.drive
     x = free_reach(free, "x")
-    return drive.frequency(max(free)) * (x[0] + x[1] + jnp.abs(scene.shroud.gap))
+    return drive.frequency(max(free)) * (x[0] + x[1] + jnp.abs(scene.running_shroud.gap))
 
 
 def has_torsion(model: Model) -> bool:

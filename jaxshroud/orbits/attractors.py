@@ -69,7 +69,7 @@ def attractors_of(scene: Scene, states: State, max_periods: int, aim: ShootingOp
     order = np.argsort([-len(attractor.lanes) for attractor in (*periodic, *aperiodic)], kind="stable")
     rank = np.append(np.argsort(order), [-2, -1])  # so that -1 and -2 stay
     return FoundAttractors(
-        [(*periodic, *aperiodic)[i] for i in order], rank[label], end, units, float(scene.shroud.gap)
+        [(*periodic, *aperiodic)[i] for i in order], rank[label], end, units, float(scene.running_shroud.gap)
     )
 
 

@@ -170,7 +170,7 @@ def mean_exponents(rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 def energy_units(scene: Scene) -> np.ndarray:
     """Displacements, rates and a slider position (..., 13) of equal energy, in which tangents hardly oscillate."""
-    b = scene.blades
+    b = scene.running_blades
     soft = [1 / np.sqrt(np.asarray(a)) for a in (b.k_x, b.k_y, b.k_T, b.m, b.inertia_y, b.I)]
     return np.concatenate([np.asarray(a, float) for a in (*soft, soft[0][..., :1])], axis=-1)
 

@@ -37,7 +37,7 @@ def start_range(scene: Scene) -> Motion:
     Raises:
         InputError: The amplitude is infinite.
     """
-    free, gap = steady_amplitudes(scene), float(np.abs(scene.shroud.gap).max())
+    free, gap = steady_amplitudes(scene), float(np.abs(scene.running_shroud.gap).max())
     omega = float(scene.drive.frequency(max(free)))
     amplitudes = [np.asarray(free_reach(free, name), float) for name in DISPLACEMENTS]
     lever = float(half_diagonal(scene.shroud))

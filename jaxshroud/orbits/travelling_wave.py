@@ -69,7 +69,7 @@ def _is_tuned(scene: Scene) -> bool:
     plain = without_given(scene)
     alike = lambda a: np.all(np.asarray(a) == np.asarray(a)[..., :1]) if np.ndim(a) else True
     drive = [(one.F_x, one.F_y, one.M_0) for one in plain.drive.harmonics().values()]
-    parts = (plain.mistuned_blades, plain.shroud.gap, plain.k, plain.contact.width, plain.friction, drive)
+    parts = (plain.mistuned_blades, plain.running_shroud.gap, plain.k, plain.contact.width, plain.friction, drive)
     return all(bool(alike(a)) for a in jax.tree.leaves(parts))
 
 

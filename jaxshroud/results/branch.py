@@ -298,7 +298,7 @@ def _branch_row(number: int, i: int, branch: "ContinuedBranch", turns: int) -> d
         "nearest_miss": touch.miss,
         **({"P_d_worst": power_reduction(cycle.P, cycle.P_0).min()} if layout.counted > 1 else {}),
         **(_values_of_wave(point.wave, len(cycle.multipliers)) if layout.closed else {}),
-        "gap": np.asarray(cycle.scene.shroud.gap, float),
+        "gap": np.asarray(cycle.scene.running_shroud.gap, float),
     }
 
 

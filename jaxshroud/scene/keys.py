@@ -55,6 +55,15 @@ SCENE_KEYS = (
     blade_key("blades.c_y", "N s/m", FROM_0, "c_y", "damping", "19.6 N s/m", "damping in y"),
     blade_key("blades.c_T", "N m s/rad", FROM_0, "c_T", "torsion damping", "0.506 N m s/rad"),
     blade_key("blades.m_y", "kg", POSITIVE, "m_y", "mass in y", "0.08 kg", "mass against motion in y", default=None),
+    blade_key(
+        "blades.B_x", "", ANY, "B_x", "growth with speed", 1.1, "growth of k_x, by m times speed^2", default=None
+    ),
+    blade_key(
+        "blades.B_y", "", ANY, "B_y", "growth with speed", 1.1, "growth of k_y, by m times speed^2", default=None
+    ),
+    blade_key(
+        "blades.B_T", "", ANY, "B_T", "growth with speed", 0.5, "growth of k_T, by I times speed^2", default=None
+    ),
     scene_key(
         "shroud.alpha", "rad", FACE, r"\alpha", "shroud angle", "60 deg", "acute angle of the block, at most pi/2"
     ),
@@ -63,6 +72,8 @@ SCENE_KEYS = (
     interface_key(
         "shroud.gap", "m", ANY, r"\Delta", "initial gap", "0.022 mm", "initial gap along x; negative: interference"
     ),
+    interface_key("shroud.gap_at", "m", ANY, r"\Delta_\Omega", "gap at speed", "-5 um", "gap at gap_at_speed", None),
+    scene_key("shroud.gap_at_speed", "rad/s", POSITIVE, r"\Omega_\Delta", "speed of gap_at", "3000 rpm", default=None),
     interface_key("contact.k", "N/m", FROM_0, "k", "contact stiffness", "2.5e5 N/m", "impact stiffness", default=None),
     interface_key(
         "contact.gamma", "", FROM_0, r"\gamma = k/k_x", "stiffness ratio", 2.5, "stiffness ratio k / k_x", None

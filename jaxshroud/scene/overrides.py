@@ -28,6 +28,7 @@ from jaxshroud.scene.messages import fail, problem_text, toml_text
 from jaxshroud.scene.optional import WITHOUT_EFFECT, require_number
 from jaxshroud.scene.replacing import STIFFNESS_KEYS
 from jaxshroud.scene.schema import TABLE_MODELS, RowTable, SweepTable, number_type, row_table_of
+from jaxshroud.scene.speed import keys_in, replaced_by
 from jaxshroud.scene.units import is_speed_of_rotation
 
 OVERRIDE = re.compile(r"\s*([a-z]+)\.(\w+|harmonic\[\d+\]\.\w+)(?:\[(0|[1-9]\d{0,3})\])?\s*=\s*(\S.*?)\s*")
@@ -100,7 +101,8 @@ def override(document: dict[str, Any], text: str) -> tuple[str, str]:
             return "", ""  # likewise
     check_is_no_speed("--set", f"{table}.{name}", value, rows.get("engine_order"))
     rows |= parts_of_coefficient(name, value, "--set") if table == "aero" and name in COEFFICIENTS else {name: value}
-    alternatives = [tuple(key.split(".")) for key in alternative_keys(f"{table}.{name}", layout_with(row))]
+    others = replaced_by(f"{table}.{name}", alternative_keys(f"{table}.{name}", layout_with(row)), keys_in(document))
+    alternatives = [tuple(key.split(".")) for key in others]
     for rival_table, rival_key in [*EXCLUSIVE_KEYS.get((table, name), []), *_other_order(table, name), *alternatives]:
         if isinstance(document.get(rival_table), dict):
             document[rival_table].pop(rival_key, None)

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.cache.programs import is_traced
 from jaxshroud.scene.blades import BladeMatrices, Blades
 from jaxshroud.scene.checks import InputError, type_argument, word_argument
 from jaxshroud.scene.coupling import Aero, Coupling
@@ -38,6 +39,7 @@ from jaxshroud.scene.layout import (
 )
 from jaxshroud.scene.optional import split_harmonics
 from jaxshroud.scene.points import ContactPoints
+from jaxshroud.scene.speed import ORDER, check_speed, untwisted_gap
 from jaxshroud.scene.typed import short_repr
 from jaxshroud.scene.valid import KEYS_BY_TABLE, check_number, check_numbers, check_shape
 
@@ -72,6 +74,8 @@ class Shroud(eqx.Module):
     l_oa: Number = eqx.field(converter=scalar)  # side along x [m]
     l_ab: Number = eqx.field(converter=scalar)  # side along the contact face [m]
     gap: Number = eqx.field(converter=scalar)  # initial gap Delta along x [m]; negative: interference
+    gap_at: Number | None = eqx.field(converter=scalar, default=None)  # at a speed, by which it changes [m]; None: gap
+    gap_at_speed: Number | None = eqx.field(converter=scalar, default=None)  # the speed [rad/s]
 
     def __check_init__(self):
         check_numbers("shroud", self)
@@ -192,6 +196,7 @@ class Scene(eqx.Module):
             require_capability(OWN_LAWS, self.layout)
         check_numbers("initial", self.initial)
         self._check_shapes()
+        self._check_speed()
         for key, value in self.given.items():
             if value is not None:
                 check_number(key_in(ALL_KEYS[key], self.layout), value, self.layout)
@@ -204,6 +209,25 @@ class Scene(eqx.Module):
                     check_shape(key, value, self.layout)
         for name, value in self.drive.of_harmonics().items():
             check_shape(ALL_KEYS[f"drive.{name}"], value, self.layout)
+
+    def _check_speed(self) -> None:
+        numbers = self._numbers_of_speed()
+        if self.blades.grow and type(self.blades).matrices is not Blades.matrices:
+            raise InputError("Blades by matrices do not grow stiffer with speed: `B_x`, `B_y`, `B_T` must be None.")
+        if not is_traced((numbers, self.given)):
+            check_speed(numbers, self.given, self.layout.blades)
+
+    def _numbers_of_speed(self) -> dict[str, Any]:
+        """The numbers that depend on the speed, or give it, by their keys."""
+        parts = {"blades": self.blades, "shroud": self.shroud}
+        named = {key.name: getattr(part, name) for table, part in parts.items() for name, key in KEYS_BY_TABLE[table]}
+        named |= {"drive.omega": self.drive.omega, "row.mistuning": self.row and self.row.mistuning}
+        return {key: value for key, value in named.items() if value is not None}
+
+    @property
+    def depends_on_speed(self) -> bool:
+        """Whether stiffnesses or the gap depend on the speed of the rotor."""
+        return self.blades.grow or self.shroud.gap_at is not None
 
     @property
     def k(self) -> Number:
@@ -219,12 +243,35 @@ class Scene(eqx.Module):
         return self.layout.at_interfaces(self.blades.k_x[..., : self.layout.interfaces])
 
     @property
+    def _speed_square(self) -> Any:
+        """The square of the speed [rad^2/s^2], where something depends on it."""
+        return (self.drive.omega / self.given[ORDER]) ** 2
+
+    def _at_speed(self, blades: Blades) -> Blades:
+        return blades.at_speed(self._speed_square[..., None]) if blades.grow else blades
+
+    @property
+    def running_blades(self) -> Blades:
+        """The blades with their stiffness at the scene's speed, without mistuning."""
+        return self._at_speed(self.blades)
+
+    @property
+    def running_shroud(self) -> Shroud:
+        """The shroud with the gap that it has at the scene's speed."""
+        s = self.shroud
+        if s.gap_at is None:
+            return s
+        square = self._speed_square[(..., *(None for _ in self.layout.interface_shape))]
+        gap = untwisted_gap(s.gap, s.gap_at, s.gap_at_speed, square)
+        return Shroud(s.alpha, s.l_oa, s.l_ab, gap)
+
+    @property
     def mistuned_blades(self) -> Blades:
-        """The blades with the mistuning of their row."""
+        """The blades with the mistuning of their row, and their stiffness at the scene's speed."""
         if self.row is None:
-            return self.blades
+            return self.running_blades
         of, factor = (lambda b: (b.k_x, b.k_y, b.k_T)), 1 + self.row.mistuning
-        return eqx.tree_at(of, self.blades, tuple(factor * k for k in of(self.blades)))
+        return self._at_speed(eqx.tree_at(of, self.blades, tuple(factor * k for k in of(self.blades))))
 
     @property
     def blade_matrices(self) -> BladeMatrices | None:
@@ -304,5 +351,9 @@ def _for_layout(key: str, value: Any, layout: Layout) -> Any:
 
 
 def without_given(scene: Scene) -> Scene:
-    """The numbers of a scene alone, which are all that its motion depends on: one program marches all scenes."""
-    return eqx.tree_at(lambda s: s.given, scene, {}, is_leaf=lambda part: isinstance(part, dict))
+    """The numbers of a scene alone, which are all that its motion depends on: one program marches all scenes.
+
+    The engine order is kept where its speed matters.
+    """
+    kept = {ORDER: scene.given[ORDER]} if scene.depends_on_speed else {}
+    return eqx.tree_at(lambda s: s.given, scene, kept, is_leaf=lambda part: isinstance(part, dict))

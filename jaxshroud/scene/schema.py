@@ -34,10 +34,10 @@ from jaxshroud.scene.file_rules import (
     shares_in_file,
     smooth_has_a_width,
 )
+from jaxshroud.scene.key import FROM_0, Range
 from jaxshroud.scene.keys import (
     AERO_KEYS,
     ALL_KEYS,
-    FROM_0,
     HARMONIC_KEYS,
     MAX_BLADES,
     MAX_ORDER,
@@ -46,7 +46,6 @@ from jaxshroud.scene.keys import (
     SINGLE_LOADS,
     TABLES_IN_ROW,
     Key,
-    Range,
     keys_of_table,
     list_words,
     number_shape,

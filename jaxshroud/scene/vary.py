@@ -24,6 +24,7 @@ from jaxshroud.scene.keys import ALL_KEYS, HARMONIC_ENTRY, KEYS, find_key, numbe
 from jaxshroud.scene.optional import require_number, standing_for
 from jaxshroud.scene.replacing import renamed_numbers, replace_numbers
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.speed import check_speed
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import check_number
 
@@ -92,6 +93,8 @@ def replaced(scene: Scene, values: Mapping[str, Any]) -> Scene:
     new, inputs = replace_numbers(numbers, given, values, lanes, scene.layout)
     if not is_traced(inputs):
         check_order(inputs)
+    if not is_traced((new, inputs)):
+        check_speed(new, inputs, scene.layout.blades)
     return _with_leaves(scene, numbers, new, inputs)
 
 
@@ -253,14 +256,15 @@ def numbers_that_count(scene: Scene) -> tuple[str, ...]:
         differ = bool(shape) and bool(np.any(values[..., :1] != values))
         moving = 1 if parts.neighbour == "rigid" else math.prod(shape)
         keys += [f"{key}[{i}]" for i in range(moving)] if differ else [key]
-    phases = () if parts.neighbour == "rigid" else range(1, layout.blades)
+    fixed = parts.neighbour == "rigid" or (scene.row is not None and scene.depends_on_speed)
+    phases = () if fixed else range(1, layout.blades)
     return (*keys, *(f"drive.phase[{i}]" for i in phases))
 
 
 _UNUSED = {
     "initial": {key for key in KEYS if key.startswith("initial.")},
-    "y": {"blades.k_y", "blades.c_y", "blades.m_y", "coupling.k_y", "coupling.c_y"},
-    "theta": {"blades.I", "blades.k_T", "blades.c_T", "drive.M_0", "shroud.l_oa", "shroud.l_ab"}
+    "y": {"blades.k_y", "blades.c_y", "blades.m_y", "blades.B_y", "coupling.k_y", "coupling.c_y"},
+    "theta": {"blades.I", "blades.k_T", "blades.c_T", "blades.B_T", "drive.M_0", "shroud.l_oa", "shroud.l_ab"}
     | {"coupling.k_T", "coupling.c_T"},
     "contact": {"contact.k", "contact.gamma", *(key for key in KEYS if key.startswith("shroud."))},
     "friction": {"friction.k_d", "friction.mu"},
