@@ -7,6 +7,7 @@ from typing import Any
 from jaxshroud.scene.keys import SINGLE_LOADS
 from jaxshroud.scene.messages import fail, toml_text
 from jaxshroud.scene.optional import A_HARMONIC, harmonic_count, require_number, split_harmonics
+from jaxshroud.scene.point_entries import with_listed_places
 
 FileDocument = dict[str, Any]
 
@@ -29,12 +30,14 @@ def flattened(document: FileDocument, where: str) -> FileDocument:
 
 
 def nested(tables: Mapping[str, Any]) -> dict[str, Any]:
-    """The tables of a file with its harmonics as tables [[drive.harmonic]]."""
-    drive = tables.get("drive")
+    """The tables of a file with its harmonics as tables [[drive.harmonic]], and places of points as a list."""
+    drive, contact, tables = tables.get("drive"), tables.get("contact"), dict(tables)
+    if isinstance(contact, Mapping):
+        tables["contact"] = with_listed_places(contact)
     if not isinstance(drive, Mapping):
-        return dict(tables)
+        return tables
     plain, harmonics = split_harmonics(drive)
-    return {**tables, "drive": {**plain, "harmonic": harmonics}} if harmonics else dict(tables)
+    return {**tables, "drive": {**plain, "harmonic": harmonics}} if harmonics else tables
 
 
 def resolve_orders(document: FileDocument, name: str, overridden: Collection[tuple[str, str]] = ()) -> int:

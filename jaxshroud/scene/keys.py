@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from jaxshroud.scene.checks import KeyNameError, hint
 from jaxshroud.scene.layout import PAIR, Layout
+from jaxshroud.scene.ranges import ANY, ANY_WHOLE, FACE, FROM_0, POSITIVE, Range
 
 
 class Motion(NamedTuple):
@@ -28,40 +29,10 @@ class Motion(NamedTuple):
 AT_REST = Motion(*[(0.0, 0.0)] * 6)
 KEY_PATTERN = re.compile(r"(?P<name>.*?)(\[(?P<index>0|[1-9]\d{0,3})\])?")
 HARMONIC_ENTRY = re.compile(r"harmonic\[(?P<index>0|[1-9]\d?)\]\.(?P<name>\w+)")  # of the table `drive`
+POINT_ENTRY = re.compile(r"point\[(?P<index>0|[1-9]\d?)\]\.place")  # of the table `contact`
 SINGLE_LOADS = ("beta", "F_0", "M_0")  # of a drive without a list of harmonics
 MAX_ORDER = 99  # of a harmonic
 MIN_BLADES, MAX_BLADES = 2, 512  # of a row
-
-
-class Range(NamedTuple):
-    """The range of a number."""
-
-    words: str
-    minimum: float = -math.inf
-    open: bool = False  # whether the minimum itself is excluded
-    maximum: float = math.inf
-    whole: bool = False  # whether only whole numbers are in the range
-
-    def holds(self, value):
-        """Whether a number, or each of an array, is in the range."""
-        above = value > self.minimum if self.open else value >= self.minimum
-        inside = (abs(value) < math.inf) & above & (value <= self.maximum)
-        return inside & _is_whole(value) if self.whole else inside
-
-    def fault(self, value: float) -> str:
-        """The message for a number outside the range."""
-        if not abs(value) < math.inf:
-            return "must be a finite number"
-        if self.whole and not _is_whole(value):
-            return "must be a whole number"
-        if value > self.maximum:
-            return f"must be less than or equal to {self.maximum}"
-        return f"must be greater than {'' if self.open else 'or equal to '}{self.minimum:g}"
-
-
-def _is_whole(value):
-    """Whether a number, or each of an array, is whole."""
-    return value.round() == value if hasattr(value, "round") else float(value).is_integer()
 
 
 class Key(NamedTuple):
@@ -96,9 +67,6 @@ class Key(NamedTuple):
         return DISPLAY_UNITS.get(self.name) or DISPLAY_UNITS.get(self.unit, (self.unit, 1.0))
 
 
-ANY, POSITIVE, FROM_0 = Range("any"), Range("> 0", 0.0, open=True), Range(">= 0", 0.0)
-ANY_WHOLE = Range("whole", whole=True)
-FACE = Range("> 0, <= pi/2", 0.0, open=True, maximum=math.pi / 2)
 DISPLAY_UNITS = {  # SI unit, or key -> unit in pictures, and its number per SI unit
     "rad": ("°", 180 / math.pi),
     "m": ("mm", 1e3),
@@ -227,17 +195,36 @@ HARMONIC_KEYS = {  # of each table [[drive.harmonic]], by their names in it
 }
 
 
+PLACE_KEY = scene_key("contact.place", "m", ANY, "s_{%s}", "place", "17.5 mm", "place up the face from its middle")
+
+
 class KeyTable(ChainMap[str, Key]):
-    """The keys by their names. Those of the harmonics of a drive, of which there are any number, are not listed."""
+    """The keys by their names. Those of harmonics and of points of contact, of any number, are not listed."""
 
     def __contains__(self, name: object) -> bool:
-        return super().__contains__(name) or (isinstance(name, str) and harmonic_key(name) is not None)
+        return super().__contains__(name) or (isinstance(name, str) and numbered_key(name) is not None)
 
     def __missing__(self, name: str) -> Key:
-        found = harmonic_key(name)
+        found = numbered_key(name)
         if found is None:
             raise KeyError(name)
         return found
+
+
+def numbered_key(name: str) -> Key | None:
+    """The key of a number of one harmonic or one point of contact; None for any other name."""
+    return harmonic_key(name) or point_key(name)
+
+
+def point_key(name: str) -> Key | None:
+    """The key of the place of one point of contact, `contact.point[1].place`; None for any other name."""
+    table, _, entry = name.partition(".")
+    match = POINT_ENTRY.fullmatch(entry)
+    if table != "contact" or match is None:
+        return None
+    words = f" of point [{match['index']}]"
+    row = PLACE_KEY
+    return row._replace(name=name, symbol=row.symbol % match["index"], label=row.label + words, about=row.about + words)
 
 
 def harmonic_key(name: str) -> Key | None:

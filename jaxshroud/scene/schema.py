@@ -35,7 +35,6 @@ from jaxshroud.scene.file_rules import (
 )
 from jaxshroud.scene.keys import (
     ALL_KEYS,
-    FROM_0,
     HARMONIC_KEYS,
     MAX_BLADES,
     MAX_ORDER,
@@ -43,7 +42,6 @@ from jaxshroud.scene.keys import (
     ROW_KEYS,
     SINGLE_LOADS,
     Key,
-    Range,
     keys_of_table,
     list_words,
     number_shape,
@@ -60,6 +58,7 @@ from jaxshroud.scene.layout import (
     misprints,
     row_layout,
 )
+from jaxshroud.scene.ranges import FROM_0, Range
 from jaxshroud.scene.units import to_si
 
 
