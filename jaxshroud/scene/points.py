@@ -63,7 +63,7 @@ class ContactPoints(eqx.Module):
     def check_on(self, l_ab: Any) -> None:
         """Raise InputError unless the points lie on a face of that length [m]; traced numbers pass."""
         if not is_traced((self.places, l_ab)) and not self.scale_with_face:
-            check_places(np.stack(self.places), np.asarray(l_ab))
+            check_places(self.places, l_ab)
 
     def as_given(self) -> dict[str, Any]:
         """The points of one scene as a file gives them, without the places of `by_entry`."""
