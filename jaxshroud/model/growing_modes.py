@@ -35,7 +35,7 @@ class _Oscillators(NamedTuple):
 
 
 def _oscillators(blades: LinearContact, contact: NaturalContact, growth: Growth) -> _Oscillators:
-    free = free_directions(blades.moves, contact)
+    free = free_directions(blades.moves, contact, bool(blades.turns_as_one))
     root = np.sqrt(free.T**2 @ blades.mass)
     reduced = lambda K: free.T @ K @ free / np.outer(root, root)
     grown = reduced(np.diag(growth.by_square))
@@ -99,7 +99,7 @@ def static_normal_forces(blades: LinearContact, growth: Growth, by: Pressing, sq
 
     The faces are on each other and slide freely: where the normal force vanishes so does friction.
     """
-    free = free_directions(blades.moves, "sliding")
+    free = free_directions(blades.moves, "sliding", bool(blades.turns_as_one))
     wedge = (by.gap + square * by.gap_by_square) * by.sine
     v_q, k = blades.v_q, blades.k
     grown = np.diag((square - growth.square) * growth.by_square)

@@ -36,10 +36,13 @@ class State(eqx.Module):
     case: Any  # 1-4 (Sec. 2.3), 5 in flat contact, 0 when apart
 
 
-def initial_state(motion: Motion) -> State:
-    """The state at t = 0: apart. A start with the blocks already overlapping becomes an onset at once."""
-    zero = jnp.zeros((), jnp.int32)
-    return State(motion, jnp.zeros((), motion.x.dtype), zero, zero)
+def initial_state(motion: Motion, points: int = 0) -> State:
+    """The state at t = 0: apart. A start with the blocks already overlapping becomes an onset at once.
+
+    `points` is the number of points of contact of a face, 0 where a corner touches.
+    """
+    of_each = (points,) if points else ()
+    return State(motion, jnp.zeros(of_each, motion.x.dtype), jnp.zeros(of_each, jnp.int32), jnp.zeros((), jnp.int32))
 
 
 def as_pairs(tree: Any) -> Any:

@@ -8,6 +8,7 @@ from jaxshroud.scene.coupling_tables import with_own_tables, with_tables_in_row
 from jaxshroud.scene.keys import SINGLE_LOADS
 from jaxshroud.scene.messages import fail, toml_text
 from jaxshroud.scene.optional import A_HARMONIC, harmonic_count, require_number, split_harmonics
+from jaxshroud.scene.point_entries import with_listed_places
 from jaxshroud.scene.speed import depends_on_speed, keys_in
 
 FileDocument = dict[str, Any]
@@ -31,13 +32,15 @@ def flattened(document: FileDocument, where: str) -> FileDocument:
 
 
 def nested(tables: Mapping[str, Any]) -> dict[str, Any]:
-    """The tables of a file with its harmonics as tables [[drive.harmonic]], and what stands in [row] there."""
-    tables = with_tables_in_row(tables)
-    drive = tables.get("drive")
+    """The tables of a file as they stand there: harmonics as tables, places of points as a list, tables of [row]."""
+    tables = dict(with_tables_in_row(tables))
+    drive, contact = tables.get("drive"), tables.get("contact")
+    if isinstance(contact, Mapping):
+        tables["contact"] = with_listed_places(contact)
     if not isinstance(drive, Mapping):
-        return dict(tables)
+        return tables
     plain, harmonics = split_harmonics(drive)
-    return {**tables, "drive": {**plain, "harmonic": harmonics}} if harmonics else dict(tables)
+    return {**tables, "drive": {**plain, "harmonic": harmonics}} if harmonics else tables
 
 
 def resolve_orders(document: FileDocument, name: str, overridden: Collection[tuple[str, str]] = ()) -> int:

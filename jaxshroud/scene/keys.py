@@ -38,6 +38,7 @@ class Motion(NamedTuple):
 AT_REST = Motion(*[(0.0, 0.0)] * 6)
 KEY_PATTERN = re.compile(r"(?P<name>.*?)(\[(?P<index>0|[1-9]\d{0,3})\])?")
 HARMONIC_ENTRY = re.compile(r"harmonic\[(?P<index>0|[1-9]\d?)\]\.(?P<name>\w+)")  # of the table `drive`
+POINT_ENTRY = re.compile(r"point\[(?P<index>0|[1-9]\d?)\]\.place")  # of the table `contact`
 SINGLE_LOADS = ("beta", "F_0", "M_0")  # of a drive without a list of harmonics
 MAX_ORDER = 99  # of a harmonic
 MIN_BLADES, MAX_BLADES = 2, 512  # of a row
@@ -179,17 +180,36 @@ HARMONIC_KEYS = {  # of each table [[drive.harmonic]], by their names in it
 }
 
 
+PLACE_KEY = scene_key("contact.place", "m", ANY, "s_{%s}", "place", "17.5 mm", "place up the face from its middle")
+
+
 class KeyTable(ChainMap[str, Key]):
-    """The keys by their names. Those of the harmonics of a drive, of which there are any number, are not listed."""
+    """The keys by their names. Those of harmonics and of points of contact, of any number, are not listed."""
 
     def __contains__(self, name: object) -> bool:
-        return super().__contains__(name) or (isinstance(name, str) and harmonic_key(name) is not None)
+        return super().__contains__(name) or (isinstance(name, str) and numbered_key(name) is not None)
 
     def __missing__(self, name: str) -> Key:
-        found = harmonic_key(name)
+        found = numbered_key(name)
         if found is None:
             raise KeyError(name)
         return found
+
+
+def numbered_key(name: str) -> Key | None:
+    """The key of a number of one harmonic or one point of contact; None for any other name."""
+    return harmonic_key(name) or point_key(name)
+
+
+def point_key(name: str) -> Key | None:
+    """The key of the place of one point of contact, `contact.point[1].place`; None for any other name."""
+    table, _, entry = name.partition(".")
+    match = POINT_ENTRY.fullmatch(entry)
+    if table != "contact" or match is None:
+        return None
+    words = f" of point [{match['index']}]"
+    row = PLACE_KEY
+    return row._replace(name=name, symbol=row.symbol % match["index"], label=row.label + words, about=row.about + words)
 
 
 def harmonic_key(name: str) -> Key | None:

@@ -207,12 +207,12 @@ LIMITED = {capability.name: capability for capability in CAPABILITIES}
 
 
 POINTS_OF_CONTACT = "faces with several points of contact"
-KNOW_POINTS = ("simulate", "power", "sweep", "explain", "check")  # verbs
+LACK_POINTS = ("trade", "check_laws")  # verbs
 
 
 def require_points(verb: str, points: object, where: str = "") -> None:
     """Raise an InputError if there are `points`, but a verb, or a function, knows no faces with several of them."""
-    if points is not None and verb not in KNOW_POINTS:
+    if points and verb in LACK_POINTS:
         raise InputError(f"{where}`{verb}` does not know {POINTS_OF_CONTACT} yet; drop `contact.points`.")
 
 

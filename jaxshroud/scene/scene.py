@@ -38,6 +38,7 @@ from jaxshroud.scene.layout import (
     row_layout,
 )
 from jaxshroud.scene.optional import split_harmonics
+from jaxshroud.scene.point_entries import with_listed_places
 from jaxshroud.scene.points import ContactPoints
 from jaxshroud.scene.speed import ORDER, check_speed, untwisted_gap
 from jaxshroud.scene.typed import short_repr
@@ -339,6 +340,7 @@ def _drive_of(entries: Mapping[str, Any]) -> Drive:
 
 def _contact_of(tables: Mapping[str, Mapping[str, Any]]) -> Contact:
     entries = {"k": None, "gamma": None, **tables["contact"]}
+    entries = with_listed_places(entries)
     points, shares = entries.pop("points", None), entries.pop("shares", None)
     return Contact(**entries, points=None if points is None else ContactPoints(points, shares))
 

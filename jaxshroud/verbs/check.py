@@ -212,7 +212,8 @@ def _displaced_by_interference(system: LinearContact, gaps: np.ndarray, alpha: f
     The faces slide freely, and the blocks do not turn.
     """
     bends = system.moves & (np.arange(len(system.moves)) < 2 * len(system.moves) // 3)
-    depth = np.maximum(-gaps, 0.0) * math.sin(alpha)
+    of_each = len(system.k) // len(gaps)  # one, or as many as a face has points
+    depth = np.repeat(np.maximum(-gaps, 0.0), of_each) * math.sin(alpha)
     v_q, k = system.v_q[:, bends], np.where(depth > 0, system.k, 0.0)
     displacement = np.zeros(len(system.moves))
     stiffness = system.own_stiffness[np.ix_(bends, bends)] + v_q.T @ (k[:, None] * v_q)
