@@ -23,6 +23,7 @@ from jaxshroud.batch.xla import best_mapping, repeat_lane
 from jaxshroud.march.method import Choices
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
+from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, worked_out
 from jaxshroud.scene.keys import find_key, number_shape
 from jaxshroud.scene.scene import Scene, without_given
@@ -281,5 +282,7 @@ def _sampled_chunk(scenes: Dual, states: Dual, schedule: Schedule, wanted: int) 
 
 def start_duals(scenes: Dual) -> Dual:
     """The initial states of scenes with directions, with the directions of their numbers `initial`."""
+    if scenes.value.start != "motion":
+        raise InputError("A record is fitted from an initial motion so far: a static start has no derivatives there.")
     moved = initial_states(scenes.tangent)
     return Dual(initial_states(scenes.value), State(moved.motion, moved.u_s, None, None))

@@ -2,8 +2,10 @@
 
 from typing import Any
 
+import numpy as np
 from pydantic_core import PydanticCustomError
 
+from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import Layout, require_parts
 from jaxshroud.scene.point_numbers import check_number_of_points, check_points
 from jaxshroud.scene.typed import are_numbers
@@ -37,6 +39,21 @@ def smooth_has_a_width(file: Any) -> Any:
         raise ValueError('[contact] reading must be "consistent" for contact = "smooth"')
     if width is not None and not smooth:
         raise ValueError('[contact] width is for smooth contact; drop it, or add [parts] contact = "smooth"')
+    return file
+
+
+def static_start_has_no_motion(file: Any) -> Any:
+    """The file, which gives no initial motion beside a static start."""
+    if file.initial.start is None and file.initial.friction is None:
+        return file
+    for name in Motion._fields:
+        if np.any(getattr(file.initial, name)):
+            raise ValueError(f"[initial] {name} is of a start in motion; drop it, or start and friction")
+    if file.contact.reading or file.parts.contact not in ("spring", "none"):
+        other = "a printed `reading`" if file.contact.reading else f'contact = "{file.parts.contact}"'
+        raise ValueError(
+            f"[initial] a static start goes with located contact in the consistent reading, not with {other}"
+        )
     return file
 
 

@@ -117,6 +117,7 @@ def misprints(reading: object) -> frozenset[str]:
 Neighbour = Literal["blade", "rigid"]
 FrictionPart = Literal["bilinear", "none"]
 ContactPart = Literal["spring", "smooth", "none", "own"]  # "own": the scene has `laws`
+Start = Literal["motion", "static", "from rest"]  # where a march begins, see `Scene.start`
 
 
 @checked

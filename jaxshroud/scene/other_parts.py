@@ -81,4 +81,4 @@ def _require_corner(scene: Scene) -> None:
 
 def _with_contact(scene: Scene, contact: Contact, parts: Parts, laws: SceneLaw | None = None) -> Scene:
     s = scene
-    return Scene(s.blades, s.shroud, contact, s.friction, s.drive, s.initial, parts, laws, s.given, s.row)
+    return Scene(s.blades, s.shroud, contact, s.friction, s.drive, s.initial, parts, laws, s.given, s.row, s.start)

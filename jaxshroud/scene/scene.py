@@ -27,6 +27,7 @@ from jaxshroud.scene.layout import (
     OWN_LAWS,
     Layout,
     Parts,
+    Start,
     layout_with,
     misprints,
     require_capability,
@@ -138,6 +139,7 @@ class Row(eqx.Module):
         return self.layout.interfaces
 
 
+START_ENTRIES = ("start", "friction")  # of the table `initial`, beside its numbers
 TABLE_CLASSES = {"blades": Blades, "shroud": Shroud, "contact": Contact, "friction": Friction, "drive": Drive}
 
 
@@ -158,6 +160,9 @@ class Scene(eqx.Module):
     laws: SceneLaw | None = None  # user laws of contact and friction, or a law of contact of one's own
     given: dict[str, Any] = eqx.field(converter=_given, default_factory=dict)  # inputs by their keys
     row: Row | None = None  # None: the pair
+    # "motion": at `initial`; "static": in the equilibrium of mean loads and contact without friction, with the sliders
+    # where the faces then are; "from rest": as friction leaves them that mean loads brought there from the unloaded position
+    start: Start = eqx.field(static=True, default="motion")
 
     def __check_init__(self):
         for name, kind in {**TABLE_CLASSES, "initial": Motion, "parts": Parts}.items():
@@ -178,6 +183,9 @@ class Scene(eqx.Module):
         if self.row is not None:
             type_argument("row", self.row, Row, "Row(12, closed=True)")
         require_parts(self.parts, self.contact.reading, self.layout)
+        word_argument("start", self.start, Start)
+        if self.start != "motion":
+            self._require_equilibrium()
         if self.laws is not None and not self.laws.marches_in_rows:
             require_capability(OWN_LAWS, self.layout)
         check_numbers("initial", self.initial)
@@ -185,6 +193,18 @@ class Scene(eqx.Module):
         for key, value in self.given.items():
             if value is not None:
                 check_number(key_in(ALL_KEYS[key], self.layout), value, self.layout)
+
+    def _require_equilibrium(self) -> None:
+        """Raise an InputError unless static equilibria of such a scene are known."""
+        what = ""
+        if self.contact.reading:
+            what = "misprints (`reading`), whose contact has no energy"
+        elif self.parts.contact not in ("spring", "none"):
+            what = f'contact = "{self.parts.contact}"'
+        elif self.blades.matrices() is not None:
+            what = "blades by matrices"
+        if what:
+            raise InputError(f"A static start is one of located contact of lumped blades so far, not with {what}.")
 
     def _check_shapes(self) -> None:
         for table, keys in KEYS_BY_TABLE.items():
@@ -260,11 +280,25 @@ def scene_of(tables: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]) 
         _contact_of(tables),
         Friction(**tables["friction"]),
         _drive_of(tables["drive"]),
-        Motion(**tables["initial"]),
+        Motion(**{name: value for name, value in tables["initial"].items() if name not in START_ENTRIES}),
         Parts(**{**parts, "motion": tuple(parts["motion"])}),
         given=given,  # pyright: ignore[reportArgumentType]
         row=row,
+        start=_start_of(tables["initial"]),
     )
+
+
+def _start_of(entries: Mapping[str, Any]) -> Start:
+    """Where a march begins, from the entries of the table `initial`."""
+    if entries.get("friction") is not None:
+        return "from rest"
+    return "motion" if entries.get("start") is None else "static"
+
+
+def start_entries(start: Start) -> dict[str, str]:
+    """The entries of the table `initial` that say where a march begins."""
+    friction = {"friction": "from rest"} if start == "from rest" else {}
+    return {} if start == "motion" else {"start": "static", **friction}
 
 
 def _drive_of(entries: Mapping[str, Any]) -> Drive:
