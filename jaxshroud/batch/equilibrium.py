@@ -5,7 +5,7 @@ the position, and then put right where the position contradicts them, until they
 which may end in different equilibria.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -137,13 +137,12 @@ def _different(ends: FloatArray) -> np.ndarray:
 
 def _equilibrium(scenes: Scene, springs: Springs, contact: ContactState) -> Equilibrium:
     """The equilibrium to which one state of contact leads, lane by lane; NaN where to none."""
-    q, begun = np.zeros((len(springs.load), 3, springs.blades)), True
+    q, at = position_in(scenes, springs, contact, np.zeros((len(springs.load), 3, springs.blades)))
     settled = np.zeros(len(q), bool)
     for change in range(MOST_CHANGES):
-        q, at = position_in(scenes, springs, contact, np.where(settled[:, None, None] | begun, q, 0.0))
         new = _corrected(springs, contact, at, q)
-        wrong = (new.case != contact.case) | (new.mode != contact.mode).any(axis=-1)
-        settled, begun = ~wrong.any(axis=1), False
+        wrong = (new.case != contact.case) | np.any(new.mode != contact.mode, axis=-1)
+        settled = ~wrong.any(axis=1)
         if settled.all():
             break
         if change >= CHANGES_AT_ONCE:
@@ -151,6 +150,7 @@ def _equilibrium(scenes: Scene, springs: Springs, contact: ContactState) -> Equi
         contact = jax.tree.map(
             lambda a, b, wrong=wrong: np.where(wrong.reshape(wrong.shape + (1,) * (a.ndim - 2)), b, a), contact, new
         )
+        q, at = position_in(scenes, springs, contact, np.where(settled[:, None, None], q, 0.0))
     lost = np.isnan(q).any(axis=(1, 2)) | ~settled
     forces = unbalanced(springs, at, q)
     residual = np.abs(_reduced(springs, contact, forces)).max(axis=1) / np.maximum(_largest(springs, at, q), 1e-300)
@@ -167,7 +167,7 @@ def position_in(
     rigid = directions(springs, contact)
     idle = np.eye(rigid.shape[-1]) * ~rigid.any(axis=1)[:, None, :]
     for _ in range(MOST_UPDATES):
-        at = _at(scenes, q, contact)
+        at = _held_contact(scenes, q, contact)
         r = unbalanced(springs, at, q)
         J = _stiffness(springs, at)
         reduced = np.swapaxes(rigid, 1, 2) @ J @ rigid + idle
@@ -179,10 +179,10 @@ def position_in(
         with np.errstate(invalid="ignore"):
             if not np.any(np.abs(step).max(axis=(1, 2)) > CONVERGED * np.abs(q).max(axis=(1, 2))):
                 break
-    return q, _at(scenes, q, contact)
+    return q, _held_contact(scenes, q, contact)
 
 
-def _at(scenes: Scene, q: FloatArray, contact: ContactState) -> RestingContact:
+def _held_contact(scenes: Scene, q: FloatArray, contact: ContactState) -> RestingContact:
     dtype = scenes.drive.omega.dtype
     held = resting_contact(scenes, q.astype(dtype), contact.mode, contact.case, contact.u_s.astype(dtype))
     return jax.tree.map(np.asarray, held)
@@ -248,7 +248,7 @@ def passed_on(springs: Springs, contact: ContactState, forces: FloatArray) -> Fl
 
     Of a ring that is flat all round it is that of least norm.
     """
-    flat = contact.case == FLAT
+    flat = np.asarray(contact.case == FLAT)
     torque, passed = forces[:, 2 * springs.blades :], np.zeros(flat.shape)
     for _ in range(2 if springs.closed else 1):
         for j in range(flat.shape[1]):

@@ -32,12 +32,11 @@ def initial_states(scenes: Scene) -> State:
 def static_states(scenes: Scene) -> State:
     """The states of scenes (leading axis) in their static equilibria; see `Scene.start`."""
     if is_traced(scenes):
-        raise InputError(
-            "A static start has no derivatives inside JAX's transformations; give a `state` to start from."
-        )
+        raise InputError("A static start is not found inside JAX's transformations; give a `state` to start from.")
     at_rest = static_equilibria(scenes).q.astype(scenes.drive.omega.dtype)
-    still = np.zeros_like(at_rest[:, 0])
-    return states_apart(scenes, Motion(*np.moveaxis(at_rest, 1, 0), still, still, still))
+    x, y, theta = np.moveaxis(at_rest, 1, 0)
+    still = np.zeros_like(x)
+    return states_apart(scenes, Motion(x, y, theta, still, still, still))
 
 
 def states_apart(scenes: Scene, motion: Motion) -> State:

@@ -7,13 +7,14 @@ import jax.numpy as jnp
 
 from jaxshroud.cache.programs import kept
 from jaxshroud.model.arithmetic import filled
-from jaxshroud.model.blocks import Pose
+from jaxshroud.model.contact_law import SummedForces
 from jaxshroud.model.face_points import FaceKinematics
-from jaxshroud.model.geometry import Kinematics, contact_kinematics, natural_case, pose
+from jaxshroud.model.geometry import contact_kinematics, natural_case, pose
 from jaxshroud.model.interface import loaded_contact, torques_along_face
 from jaxshroud.model.prepared import Model, State, has_torsion, prepared_model, touches_at_corners
 from jaxshroud.model.row import pair_at
 from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene
 
 
@@ -55,43 +56,41 @@ def resting_contact(scenes: Scene, q: Any, mode: Any, case: Any, u_s: Any) -> Re
         def at_interface(j: Any, mode: Any, case: Any, u_s: Any) -> RestingContact:
             model = prepared_model(pair_at(scene, j))
             sides = jnp.stack([j, (j + 1) % count])
-            return _at_interface(q[:, sides].ravel(), State(None, u_s, mode, case), model)
+            return _contact_between(q[:, sides].ravel(), State(None, u_s, mode, case), model)
 
         return jax.vmap(at_interface)(own, mode, case, u_s)
 
     return jax.vmap(one)(scenes, q, mode, case, u_s)
 
 
-def _at_interface(q: Any, state: State, model: Model) -> RestingContact:
+def _contact_between(q: Any, state: State, model: Model) -> RestingContact:
     """`RestingContact` of one interface."""
-    (load, at), (load_q, at_q) = _contact_of(q, state, model), jax.jacfwd(_contact_of)(q, state, model)
-    place, now = _placed(q, state, model), _state_at(q, state, model)
+    (load, of_points), (load_q, of_points_q) = _loads(q, state, model), jax.jacfwd(_loads)(q, state, model)
+    now = _resting_state(q, state, model)
+    place = pose(now.motion.x, now.motion.y, now.motion.theta)
+    at = contact_kinematics(place, now.case, model.block, model.reading)
     natural = natural_case(place, model.block)
-    by_itself = contact_kinematics(place, natural, model.block, model.reading)
-    loaded = loaded_contact(_kinematics(place, state, model), now.motion, now, state.case, model)
-    ends = jnp.zeros(2, q.dtype)
+    zero, ends = jnp.zeros((), q.dtype), jnp.zeros(2, q.dtype)
     if touches_at_corners(model):
-        at_case = _kinematics(place, state, model)
-        ends = jnp.stack([*torques_along_face(jnp.zeros((), q.dtype), loaded.forces, at_case, now, model)])
-    kinematics = _kinematics(place, state, model)
-    w = model.law.stretch_at(kinematics, now.u_s, now.mode)
+        loaded = loaded_contact(at, now.motion, now, now.case, model)
+        ends = jnp.stack([*torques_along_face(zero, loaded.forces, at, now, model)])
     return RestingContact(
         load,
         load_q,
-        at.N,
-        at.v,
-        at.u,
-        at_q.v,
-        at_q.u,
-        by_itself.v,
+        of_points.N,
+        of_points.v,
+        of_points.u,
+        of_points_q.v,
+        of_points_q.u,
+        contact_kinematics(place, natural, model.block, model.reading).v,
         natural,
-        q[4] - q[5] if has_torsion(model) else jnp.zeros((), q.dtype),
+        q[4] - q[5] if has_torsion(model) else zero,
         ends,
-        model.law.energy_at(kinematics, w, now.mode),
+        model.law.energy_at(at, model.law.stretch_at(at, now.u_s, now.mode), now.mode),
     )
 
 
-class _AtPoints(NamedTuple):
+class _OfPoints(NamedTuple):
     """Numbers of each point of contact, (points,)."""
 
     N: Any
@@ -99,47 +98,25 @@ class _AtPoints(NamedTuple):
     u: Any
 
 
-def _contact_of(q: Any, state: State, model: Model) -> tuple[Any, _AtPoints]:
+def _loads(q: Any, state: State, model: Model) -> tuple[Any, _OfPoints]:
     """The force on each coordinate, and what there is at each point."""
-    now, at = _state_at(q, state, model), _kinematics(_placed(q, state, model), state, model)
-    loaded = loaded_contact(at, now.motion, now, state.case, model)
-    load = filled((loaded.load.R_x, loaded.load.R_y, loaded.load.M), at.v)
-    R_x, R_y, M = load
-    if isinstance(at, FaceKinematics):
-        N = [own.N for own in loaded.forces.points]
-        v, u = ([getattr(own, name) for own in at.points] for name in ("v", "u"))
+    now = _resting_state(q, state, model)
+    place = pose(now.motion.x, now.motion.y, now.motion.theta)
+    at = contact_kinematics(place, now.case, model.block, model.reading)
+    forces, load = loaded_contact(at, now.motion, now, now.case, model)
+    R_x, R_y, M = filled((load.R_x, load.R_y, load.M), at.v)
+    if isinstance(at, FaceKinematics) and isinstance(forces, SummedForces):
+        numbers = [own.N for own in forces.points], [own.v for own in at.points], [own.u for own in at.points]
     else:
-        N, v, u = [loaded.forces.N], [at.v], [at.u]
-    moved = _moving(jnp.stack([R_x, -R_x, R_y, -R_y, *M]), model)
-    return moved, _AtPoints(*(jnp.stack(filled(tuple(a), at.v)) for a in (N, v, u)))
+        numbers = [forces.N], [at.v], [at.u]
+    moves = jnp.array([model.parts.has(name, i) for name in COORDINATES for i in (0, 1)])
+    on_each = jnp.where(moves, jnp.stack([R_x, -R_x, R_y, -R_y, *M]), 0.0)
+    return on_each, _OfPoints(*(jnp.stack(filled(tuple(a), at.v)) for a in numbers))
 
 
-def _moving(load: Any, model: Model) -> Any:
-    """The load on the coordinates that the model has."""
-    has = [model.parts.has(name, i) for name in ("x", "y", "theta") for i in (0, 1)]
-    return jnp.where(jnp.array(has), load, 0.0)
-
-
-def _state_at(q: Any, state: State, model: Model) -> State:
-    """The state at rest with these displacements (6,)."""
-    has = model.parts.has
-    x, y, theta = (
-        tuple(q[2 * row + i] if has(name, i) else jnp.zeros((), q.dtype) for i in (0, 1))
-        for row, name in enumerate(("x", "y", "theta"))
-    )
+def _resting_state(q: Any, state: State, model: Model) -> State:
+    """The state at rest with these displacements (6,), as compiled loops carry it."""
     still = (jnp.zeros((), q.dtype),) * 2
-    motion = Motion(x, y, theta, still, still, still)
-    if model.law.has_points:
-        mode, slider = tuple(state.mode), tuple(state.u_s)
-    else:
-        mode, slider = state.mode[0], state.u_s[0]
-    return State(motion, model.law.carried_slider(slider, mode), mode, state.case)
-
-
-def _placed(q: Any, state: State, model: Model) -> Pose:
-    z = _state_at(q, state, model).motion
-    return pose(z.x, z.y, z.theta)
-
-
-def _kinematics(place: Pose, state: State, model: Model) -> Kinematics:
-    return contact_kinematics(place, state.case, model.block, model.reading)
+    motion = Motion((q[0], q[1]), (q[2], q[3]), (q[4], q[5]), still, still, still)
+    sliders, modes = (state.u_s, state.mode) if model.law.has_points else (state.u_s[0], state.mode[0])
+    return State(motion, model.law.carried_slider(sliders, modes), model.law.carried_mode(modes), state.case)

@@ -160,8 +160,8 @@ class Scene(eqx.Module):
     laws: SceneLaw | None = None  # user laws of contact and friction, or a law of contact of one's own
     given: dict[str, Any] = eqx.field(converter=_given, default_factory=dict)  # inputs by their keys
     row: Row | None = None  # None: the pair
-    # "motion": at `initial`; "static": in the equilibrium of mean loads and contact without friction, with the sliders
-    # where the faces then are; "from rest": as friction leaves them that mean loads brought there from the unloaded position
+    # "motion": at `initial`, apart; "static": in the equilibrium of mean loads and contact without friction, with the
+    # sliders where the faces then are
     start: Start = eqx.field(static=True, default="motion")
 
     def __check_init__(self):
@@ -197,6 +197,8 @@ class Scene(eqx.Module):
     def _require_equilibrium(self) -> None:
         """Raise an InputError unless static equilibria of such a scene are known."""
         what = ""
+        if self.start == "from rest":
+            raise InputError('A static start with friction "from rest" is not known yet; drop initial.friction.')
         if self.contact.reading:
             what = "misprints (`reading`), whose contact has no energy"
         elif self.parts.contact not in ("spring", "none"):
