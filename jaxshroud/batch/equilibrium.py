@@ -72,6 +72,11 @@ def springs_of(scenes: Scene) -> Springs:
     return Springs(stiffness, np.where(moves, loads, 0.0), moves, closed)
 
 
+def friction_free(scenes: Scene) -> Scene:
+    """The scenes without friction."""
+    return eqx.tree_at(lambda s: s.friction.mu, scenes, 0.0 * scenes.friction.mu)
+
+
 def static_equilibria(scenes: Scene) -> Equilibrium:
     """The static equilibrium of least energy of each scene (leading axis), and how many are found.
 
@@ -80,7 +85,7 @@ def static_equilibria(scenes: Scene) -> Equilibrium:
     """
     count, numbers = len(scenes.drive.omega), (3 * scenes.layout.blades) ** 2
     size = min(max(NUMBERS_AT_ONCE // numbers, 1), 64)
-    scenes = eqx.tree_at(lambda s: s.friction.mu, without_given(scenes), np.zeros_like(scenes.friction.mu))
+    scenes = friction_free(without_given(scenes))
     pieces = []
     for begin in range(0, count, size):
         at = np.minimum(np.arange(begin, begin + min(size, 1 << (count - 1).bit_length())), count - 1)
@@ -188,17 +193,17 @@ def _held_contact(scenes: Scene, q: FloatArray, contact: ContactState) -> Restin
     return jax.tree.map(np.asarray, held)
 
 
-def _sides(springs: Springs, interfaces: int) -> np.ndarray:
+def coordinates_at(blades: int, interfaces: int) -> np.ndarray:
     """The places (interfaces, 6) of the coordinates of each interface among those of all blades."""
     left = np.arange(interfaces)
-    right = (left + 1) % springs.blades
-    return np.stack([row * springs.blades + side for row in range(3) for side in (left, right)], axis=1)
+    right = (left + 1) % blades
+    return np.stack([row * blades + side for row in range(3) for side in (left, right)], axis=1)
 
 
 def unbalanced(springs: Springs, at: RestingContact, q: FloatArray) -> FloatArray:
     """The sum of the forces on each coordinate, (lanes, 3 blades)."""
     total = springs.load - springs.stiffness * q.reshape(len(q), -1)
-    places = _sides(springs, at.load.shape[1])
+    places = coordinates_at(springs.blades, at.load.shape[1])
     for j, own in enumerate(places):
         total[:, own] += at.load[:, j]
     return np.where(springs.moves, total, 0.0)
@@ -213,7 +218,7 @@ def _largest(springs: Springs, at: RestingContact, q: FloatArray) -> FloatArray:
 def _stiffness(springs: Springs, at: RestingContact) -> FloatArray:
     """The stiffness of blades and contact, (lanes, 3 blades, 3 blades)."""
     K = springs.stiffness[:, :, None] * np.eye(springs.stiffness.shape[1])
-    for j, own in enumerate(_sides(springs, at.load.shape[1])):
+    for j, own in enumerate(coordinates_at(springs.blades, at.load.shape[1])):
         K[:, own[:, None], own] -= at.load_q[:, j]
     return K
 

@@ -26,6 +26,7 @@ from jaxshroud.model.prepared import State
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, worked_out
 from jaxshroud.scene.keys import find_key, number_shape
+from jaxshroud.scene.layout import require_steps
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.vary import field_of, given_of, numbers_of
 
@@ -36,6 +37,7 @@ def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Choices, tu
     Numbers of blades have a last axis of them; a row's means are of all blades, those of the pair of the left block.
     With `turns` (lanes,) they run as many drive periods each, of any length, `n` times; `steps` are those of a period.
     """
+    require_steps(scenes.value.parts.contact)
     lanes = len(scenes.value.drive.omega)
     few, many = march_of(scenes.value).flows.lanes_per_call
     width = many if lanes > 2 * few else few

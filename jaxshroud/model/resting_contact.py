@@ -17,6 +17,8 @@ from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene
 
+CORNERS = 2, 4  # cases in which the upper and the lower corners meet
+
 
 class RestingContact(NamedTuple):
     """Contact at the interfaces of lanes, arrays (lanes, interfaces, ...) in SI units.
@@ -26,11 +28,14 @@ class RestingContact(NamedTuple):
 
     load: Any  # (..., 6) force of contact on each coordinate
     load_q: Any  # (..., 6, 6) its derivatives by the coordinates
-    N: Any  # (..., points) normal force, as the next of each point, or of the corner
+    N: Any  # (..., points) normal force, as the next three of each point, or of the corner
+    F: Any  # (..., points) friction force
     v: Any  # (..., points) penetration in the state's case
     u: Any  # (..., points) slide
-    v_q: Any  # (..., points, 6)
-    u_q: Any  # (..., points, 6)
+    N_q: Any  # (..., points, 6) derivatives by the coordinates, as the next
+    F_q: Any  # (..., points, 6)
+    open_v: Any  # (..., corners) penetration of the upper and the lower corners, or of each point
+    open_v_q: Any  # (..., corners, 6)
     natural_v: Any  # (...,) penetration in the natural case
     natural: Any  # (...,) the case that the position has by itself
     turn: Any  # (...,) theta_l - theta_r
@@ -47,24 +52,29 @@ def resting_contact(scenes: Scene, q: Any, mode: Any, case: Any, u_s: Any) -> Re
         q: The displacements (lanes, 3, blades): x, y and theta.
         mode: The mode of each point, (lanes, interfaces, points); one point where a corner touches.
         case: The case of each interface, (lanes, interfaces).
-        u_s: The slider of each point, as the modes.
+        u_s: The slider of each point, as the modes; None: where the faces are.
     """
+    return jax.vmap(resting_contact_of)(scenes, q, mode, case, u_s)
 
-    def one(scene: Scene, q: Any, mode: Any, case: Any, u_s: Any) -> RestingContact:
-        count, own = q.shape[-1], jnp.arange(case.shape[0])
 
-        def at_interface(j: Any, mode: Any, case: Any, u_s: Any) -> RestingContact:
-            model = prepared_model(pair_at(scene, j))
-            sides = jnp.stack([j, (j + 1) % count])
-            return _contact_between(q[:, sides].ravel(), State(None, u_s, mode, case), model)
+def resting_contact_of(scene: Scene, q: Any, mode: Any, case: Any, u_s: Any) -> RestingContact:
+    """`resting_contact` of one scene, without the axis of lanes."""
+    count = q.shape[-1]
 
-        return jax.vmap(at_interface)(own, mode, case, u_s)
+    def at_interface(j: Any, mode: Any, case: Any, u_s: Any) -> RestingContact:
+        model = prepared_model(pair_at(scene, j))
+        sides = jnp.stack([j, (j + 1) % count])
+        return _contact_between(q[:, sides].ravel(), State(None, u_s, mode, case), model)
 
-    return jax.vmap(one)(scenes, q, mode, case, u_s)
+    none = None if u_s is None else 0
+    return jax.vmap(at_interface, in_axes=(0, 0, 0, none))(jnp.arange(case.shape[0]), mode, case, u_s)
 
 
 def _contact_between(q: Any, state: State, model: Model) -> RestingContact:
     """`RestingContact` of one interface."""
+    if state.u_s is None:
+        at_zero = State(state.motion, jnp.zeros(state.mode.shape, q.dtype), state.mode, state.case)
+        state = State(state.motion, _loads(q, at_zero, model)[1].u, state.mode, state.case)
     (load, of_points), (load_q, of_points_q) = _loads(q, state, model), jax.jacfwd(_loads)(q, state, model)
     now = _resting_state(q, state, model)
     place = pose(now.motion.x, now.motion.y, now.motion.theta)
@@ -78,10 +88,13 @@ def _contact_between(q: Any, state: State, model: Model) -> RestingContact:
         load,
         load_q,
         of_points.N,
+        of_points.F,
         of_points.v,
         of_points.u,
-        of_points_q.v,
-        of_points_q.u,
+        of_points_q.N,
+        of_points_q.F,
+        _open_corners(q, state, model),
+        jax.jacfwd(_open_corners)(q, state, model),
         contact_kinematics(place, natural, model.block, model.reading).v,
         natural,
         q[4] - q[5] if has_torsion(model) else zero,
@@ -94,6 +107,7 @@ class _OfPoints(NamedTuple):
     """Numbers of each point of contact, (points,)."""
 
     N: Any
+    F: Any
     v: Any
     u: Any
 
@@ -106,12 +120,24 @@ def _loads(q: Any, state: State, model: Model) -> tuple[Any, _OfPoints]:
     forces, load = loaded_contact(at, now.motion, now, now.case, model)
     R_x, R_y, M = filled((load.R_x, load.R_y, load.M), at.v)
     if isinstance(at, FaceKinematics) and isinstance(forces, SummedForces):
-        numbers = [own.N for own in forces.points], [own.v for own in at.points], [own.u for own in at.points]
+        of_each = [own.N for own in forces.points], [own.F for own in forces.points]
+        numbers = *of_each, [own.v for own in at.points], [own.u for own in at.points]
     else:
-        numbers = [forces.N], [at.v], [at.u]
+        numbers = [forces.N], [forces.F], [at.v], [at.u]
     moves = jnp.array([model.parts.has(name, i) for name in COORDINATES for i in (0, 1)])
     on_each = jnp.where(moves, jnp.stack([R_x, -R_x, R_y, -R_y, *M]), 0.0)
     return on_each, _OfPoints(*(jnp.stack(filled(tuple(a), at.v)) for a in numbers))
+
+
+def _open_corners(q: Any, state: State, model: Model) -> Any:
+    """The penetration of the upper and the lower corners where the faces are apart, or of each point."""
+    z = _resting_state(q, state, model).motion
+    place = pose(z.x, z.y, z.theta)
+    if model.law.has_points:
+        at = contact_kinematics(place, state.case, model.block, model.reading)
+        assert isinstance(at, FaceKinematics)
+        return jnp.stack([own.v for own in at.points])
+    return jnp.stack([contact_kinematics(place, case, model.block, model.reading).v for case in CORNERS])
 
 
 def _resting_state(q: Any, state: State, model: Model) -> State:

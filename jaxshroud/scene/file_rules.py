@@ -6,7 +6,7 @@ import numpy as np
 from pydantic_core import PydanticCustomError
 
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import Layout, require_parts
+from jaxshroud.scene.layout import SPRUNG, Layout, require_parts
 from jaxshroud.scene.point_numbers import check_number_of_points, check_points
 from jaxshroud.scene.typed import are_numbers
 from jaxshroud.scene.units import to_si
@@ -49,7 +49,7 @@ def static_start_has_no_motion(file: Any) -> Any:
     for name in Motion._fields:
         if np.any(getattr(file.initial, name)):
             raise ValueError(f"[initial] {name} is of a start in motion; drop it, or start and friction")
-    if file.contact.reading or file.parts.contact not in ("spring", "none"):
+    if file.contact.reading or file.parts.contact not in (*SPRUNG, "none"):
         other = "a printed `reading`" if file.contact.reading else f'contact = "{file.parts.contact}"'
         raise ValueError(
             f"[initial] a static start goes with located contact in the consistent reading, not with {other}"
@@ -64,7 +64,7 @@ def points_are_of_their_face(file: Any) -> Any:
         raise ValueError("[contact] shares are those of points; add points, e.g. points = 2")
     if contact.points is None:
         return file
-    if contact.reading or file.parts.contact != "spring":
+    if contact.reading or file.parts.contact not in SPRUNG:
         other = "a printed `reading`" if contact.reading else f'contact = "{file.parts.contact}"'
         raise ValueError(f"[contact] points go with located contact in the consistent reading, not with {other}")
     check_points(contact.points, contact.shares, l_ab)

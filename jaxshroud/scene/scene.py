@@ -25,6 +25,7 @@ from jaxshroud.scene.keys import (
 from jaxshroud.scene.laws import Number, SceneLaw
 from jaxshroud.scene.layout import (
     OWN_LAWS,
+    SPRUNG,
     Layout,
     Parts,
     Start,
@@ -175,7 +176,7 @@ class Scene(eqx.Module):
             raise InputError("Smooth contact has no misprints: its `reading` must be consistent.")
         if self.parts.contact == "own" and self.contact.reading:
             raise InputError("Own laws have no misprints: the scene's `reading` must be consistent.")
-        if self.contact.points is not None and (self.contact.reading or self.parts.contact != "spring"):
+        if self.contact.points is not None and (self.contact.reading or self.parts.contact not in SPRUNG):
             other = "misprints (`reading`)" if self.contact.reading else f'contact = "{self.parts.contact}"'
             raise InputError(f"Contact points go with located contact in the consistent reading, not with {other}.")
         if self.contact.points is not None:
@@ -201,7 +202,7 @@ class Scene(eqx.Module):
             raise InputError('A static start with friction "from rest" is not known yet; drop initial.friction.')
         if self.contact.reading:
             what = "misprints (`reading`), whose contact has no energy"
-        elif self.parts.contact not in ("spring", "none"):
+        elif self.parts.contact not in (*SPRUNG, "none"):
             what = f'contact = "{self.parts.contact}"'
         elif self.blades.matrices() is not None:
             what = "blades by matrices"
