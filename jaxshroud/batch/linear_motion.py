@@ -5,6 +5,7 @@ the static equilibrium, with the sliders where they are put down there. Without 
 neglects terms of the order of the angles, and that contact moves from corner to corner.
 """
 
+from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 import jax
@@ -127,11 +128,16 @@ def linear_motions(scenes: Scene, held: HeldContact) -> LinearMotion:
     """The motions of scenes (leading axis) in a state of contact."""
     scenes = without_given(sprung(scenes))
     count, numbers = len(scenes.drive.omega), (3 * scenes.layout.blades) ** 2
+    return in_pieces(_linear_motions, (scenes, held), count, numbers)
+
+
+def in_pieces(f: Callable[..., Any], trees: tuple[Any, ...], count: int, numbers: int) -> Any:
+    """`f` of so many lanes (leading axis), of which those with so many numbers share a program; NumPy arrays."""
     size = min(max(LANES_AT_ONCE // numbers, 1), 64, 1 << (count - 1).bit_length())
     pieces = []
     for begin in range(0, count, size):
         at = np.minimum(np.arange(begin, begin + size), count - 1)
-        piece = _linear_motions(*jax.tree.map(lambda a, at=at: np.asarray(a)[at], (scenes, held)))
+        piece = f(*jax.tree.map(lambda a, at=at: np.asarray(a)[at], trees))
         pieces.append(jax.tree.map(lambda a, begin=begin: np.asarray(a)[: count - begin], piece))
     return jax.tree.map(lambda *a: np.concatenate(a), *pieces)
 
@@ -333,3 +339,28 @@ def _least(a: _Forced, count: int) -> Any:
     )
     bend = sum(n**2 * _length(w) for n, w in a.waves.items())
     return a.mean + jnp.min(course, axis=0) - bend * (jnp.pi / count) ** 2 / 2
+
+
+class LinearFlow(NamedTuple):
+    """What a whole period of a linear motion gives, as a march with tangents does."""
+
+    power: Any  # (lanes, blades)
+    means: Any  # `Means`, (lanes, blades that count)
+    moments: tuple[Any, Any]  # means of x, y and theta and of their squares, (lanes, blades) each
+
+
+def linear_flow(motion: LinearMotion, scenes: Scene) -> LinearFlow:
+    """The flow of lanes from their motions, or from the derivatives of these."""
+    means = jax.tree.map(lambda a: np.asarray(a)[:, scenes.layout.counting], motion.means)
+    by_row = lambda a: tuple(np.moveaxis(np.asarray(a), 1, 0))
+    return LinearFlow(np.asarray(motion.power), means, (by_row(motion.first), by_row(motion.second)))
+
+
+def motions_with_tangents(scenes: Scene, along: Scene, repeats: int) -> tuple[LinearMotion, LinearMotion]:
+    """The motions of scenes (leading axis), each so often, and their derivatives along as many directions."""
+    own = without_given(sprung(scenes))
+    held = held_contact(scenes, scenes.parts.contact)  # pyright: ignore[reportArgumentType]
+    own, held = jax.tree.map(lambda a: np.repeat(np.asarray(a), repeats, axis=0), (own, held))
+    along = jax.tree.unflatten(jax.tree.structure(own), jax.tree.leaves(along))
+    count, numbers = len(own.drive.omega), (3 * own.layout.blades) ** 2
+    return in_pieces(linear_motion_tangents, (own, held, along), count, numbers)

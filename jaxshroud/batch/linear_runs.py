@@ -20,6 +20,7 @@ from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Means, Moments
 from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene, without_given
 
 
@@ -53,6 +54,22 @@ def _settled(begin: Callable[[Any, Any, Any], Any], scenes: Scene, plan: Plan, t
     samples = jax.tree.map(lambda a: _repeated(a, status, plan.kept), samples)
     log = run_log(last)
     return Runs(samples, jax.tree.map(np.zeros_like, log), log, last)
+
+
+def linear_amplitude_values(scenes: Scene, of: str) -> np.ndarray:
+    """An amplitude, such as "x_peak", of scenes (leading axis), (lanes, blades); NaN where the state is not kept."""
+    motion = linear_motions(scenes, held_contact(scenes, cast(LinearState, scenes.parts.contact)))
+    name, _, measure = of.partition("_")
+    row = COORDINATES.index(name)
+    mean, square, high, low = (
+        np.asarray(a)[:, row] for a in (motion.first, motion.second, motion.highest, motion.lowest)
+    )
+    sizes = {
+        "mean": mean,
+        "rms": np.sqrt(np.maximum(square - mean**2, 0.0)),
+        "peak": np.maximum(high - mean, mean - low),
+    }
+    return np.where((linear_status(motion) == Status.OK)[:, None], sizes[measure], np.nan)
 
 
 def linear_status(motion: LinearMotion) -> np.ndarray:
