@@ -20,7 +20,7 @@ from jaxshroud.model.spring_contact import BilinearContact, NoContact, SpringCon
 from jaxshroud.model.user_contact import UserContact
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.laws import Laws
-from jaxshroud.scene.layout import ContactPart, Parts
+from jaxshroud.scene.layout import SPRUNG, ContactPart, Parts
 from jaxshroud.scene.scene import Scene
 
 
@@ -142,7 +142,7 @@ class LawOfPart(NamedTuple):
 
 LAWS: dict[ContactPart, LawOfPart] = {
     "none": LawOfPart(lambda _: NoContact(), lambda _: NoContact),
-    "spring": LawOfPart(_spring_contact, _kind_of_spring_contact),
+    **dict.fromkeys(SPRUNG, LawOfPart(_spring_contact, _kind_of_spring_contact)),
     "smooth": LawOfPart(_smooth_contact, lambda _: SmoothContact),
     "own": LawOfPart(_own_contact, _kind_of_own_contact),
 }

@@ -194,6 +194,8 @@ def _document(text: str, name: str) -> dict[str, Any]:
 
 def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str]) -> SceneFile:
     """The scene file of a TOML document, which is changed in place."""
+    if isinstance(document.get("initial"), str):
+        document["initial"] = {"start": document["initial"]}
     original = copy.deepcopy(document) if len(overrides) else {}
     overridden = {override(document, text) for text in sorted(overrides, key=_precedence)}
     row = _validated(ROW_TYPE, document, name, overridden).row

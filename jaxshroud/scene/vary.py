@@ -89,6 +89,8 @@ def replaced(scene: Scene, values: Mapping[str, Any]) -> Scene:
         KeyNameError: There is no such number, or the scene lacks what a key needs.
         SceneError: An engine order of at most 0 is to give the frequency with a speed.
     """
+    if scene.start != "motion" and (of_motion := [key for key in values if key.startswith("initial.")]):
+        raise KeyNameError(f"the scene has a static start and no {of_motion[0]}; drop initial.start to give one")
     lanes, dtype = np.shape(scene.drive.omega), scene.drive.omega.dtype
     numbers, given = fields_of(scene), given_of(scene)
     if is_traced((scene, values)):

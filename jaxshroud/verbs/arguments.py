@@ -12,7 +12,7 @@ from jaxshroud.model.prepared import State
 from jaxshroud.scene.checks import InputError, count_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import ALL_KEYS, number_shape
-from jaxshroud.scene.layout import NO_CONTACT, require_capability, require_points
+from jaxshroud.scene.layout import NO_CONTACT, require_capability, require_points, require_steps
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import numbers_of
 from jaxshroud.scene.typed import Tree
@@ -25,6 +25,8 @@ def check_verb(verb: str, scene: Scene | SceneFile) -> None:
     points = {"points", "shares"} & {*scene.tables["contact"]} if isinstance(scene, SceneFile) else scene.contact.points
     if verb:  # what has no name was asked for by another verb
         require_points(verb, points, where)
+        parts = scene.tables["parts"]["contact"] if isinstance(scene, SceneFile) else scene.parts.contact
+        require_steps(parts, verb, where)
 
 
 def check_row(scene: Scene, **asked: bool) -> None:
