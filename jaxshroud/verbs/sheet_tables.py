@@ -3,7 +3,15 @@
 import math
 from collections.abc import Sequence
 
-from jaxshroud.results.data_sheet import MOTION_NAMES, Coordinate, Crossing, DataSheet, FlowMode, NaturalMode, excited_by
+from jaxshroud.results.data_sheet import (
+    MOTION_NAMES,
+    Coordinate,
+    Crossing,
+    DataSheet,
+    FlowMode,
+    NaturalMode,
+    excited_by,
+)
 from jaxshroud.scene.units import RPM
 
 COORDINATE_HEADS = ["", "natural [Hz]", "over the drive's", "zeta"]
