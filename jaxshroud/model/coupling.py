@@ -135,7 +135,7 @@ def aero_matrices(scene: Scene) -> AeroMatrices | None:
 
 def forces_of_flow(z: Motion, aero: AeroMatrices, closed: bool) -> Any:
     """The force of the flow along x on each blade of a row (N, lanes) [N]."""
-    neighbour = lambda a, shift: jnp.roll(a, shift, 0) if closed else _shifted(a, shift)
+    neighbour = lambda a, shift: jnp.roll(a, shift, 0) if closed else _along_chain(a, shift)
     against = ZERO
     for force, shift in ((aero.own, 0), (aero.next, -1), (aero.before, 1)):
         if force is not None:
@@ -144,7 +144,7 @@ def forces_of_flow(z: Motion, aero: AeroMatrices, closed: bool) -> Any:
     return -against
 
 
-def _shifted(a: Any, shift: int) -> Any:
+def _along_chain(a: Any, shift: int) -> Any:
     """The numbers of the neighbours on one side in a chain, 0 where there is none."""
     none = jnp.zeros_like(a[:1])
     return jnp.concatenate([none, a[:-1]]) if shift > 0 else jnp.concatenate([a[1:], none])

@@ -13,6 +13,7 @@ from jaxshroud.io.variable import MOTION
 from jaxshroud.plotting.style import QUANTITIES
 from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.checks import KeyNameError
+from jaxshroud.scene.coupling import Coupling
 from jaxshroud.scene.keys import (
     ALL_KEYS,
     INPUT_KEYS,
@@ -34,6 +35,7 @@ CLASSES = {
     "shroud": Shroud,
     "contact": Contact,
     "friction": Friction,
+    "coupling": Coupling,
     "drive": Drive,
     "initial": Motion,
 }
