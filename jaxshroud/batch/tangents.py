@@ -23,8 +23,10 @@ from jaxshroud.batch.xla import best_mapping, repeat_lane
 from jaxshroud.march.method import Choices
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
+from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, worked_out
 from jaxshroud.scene.keys import find_key, number_shape
+from jaxshroud.scene.layout import require_steps
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.vary import field_of, given_of, numbers_of
 
@@ -35,6 +37,7 @@ def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Choices, tu
     Numbers of blades have a last axis of them; a row's means are of all blades, those of the pair of the left block.
     With `turns` (lanes,) they run as many drive periods each, of any length, `n` times; `steps` are those of a period.
     """
+    require_steps(scenes.value.parts.contact)
     lanes = len(scenes.value.drive.omega)
     few, many = march_of(scenes.value).flows.lanes_per_call
     width = many if lanes > 2 * few else few
@@ -223,8 +226,12 @@ def direction(scene: Scene, key: str) -> Scene:
 
     rates = jax.jvp(dependent, (old,), (unit,))[1] if given else {}
     rates |= {} if holder is given else {row.name: unit}
+    zeros = jax.tree.map(np.zeros_like, without_given(scene))
     places = lambda s: [field_of(s, name) for name in rates]
-    return eqx.tree_at(places, jax.tree.map(np.zeros_like, without_given(scene)), list(rates.values()))
+    along = eqx.tree_at(places, zeros, list(rates.values()))
+    if row.name not in along.given:
+        return along
+    return eqx.tree_at(lambda s: s.given[row.name], along, unit)
 
 
 LANES_PER_CHUNK = 16  # that share one compiled function
@@ -281,5 +288,7 @@ def _sampled_chunk(scenes: Dual, states: Dual, schedule: Schedule, wanted: int) 
 
 def start_duals(scenes: Dual) -> Dual:
     """The initial states of scenes with directions, with the directions of their numbers `initial`."""
+    if scenes.value.start != "motion":
+        raise InputError("A record is fitted from an initial motion so far: a static start has no derivatives there.")
     moved = initial_states(scenes.tangent)
     return Dual(initial_states(scenes.value), State(moved.motion, moved.u_s, None, None))

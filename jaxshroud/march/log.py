@@ -110,7 +110,7 @@ def of_blades(one: Observable, f: Callable[..., Any], *trees: Any) -> Any:
 
 def is_of_blades(tree: Any) -> bool:
     """Whether a tree is a plain tuple of numbers, one of each blade."""
-    return type(tree) is tuple and len(tree) > 0 and not isinstance(tree[0], tuple)
+    return type(tree) is tuple and len(tree) > 0 and not isinstance(tree[0], tuple | None)
 
 
 def _of_side(i: int, tree: Any) -> Any:

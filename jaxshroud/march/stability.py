@@ -19,6 +19,7 @@ from jaxshroud.march.tableau import MIN_STEPS, RK4, Tableau, TaylorOptions
 from jaxshroud.model.arithmetic import Scalar, filled
 from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.coupling import coupling_bounds, couplings_of_pairs
+from jaxshroud.model.face_points import face_kinematics
 from jaxshroud.model.geometry import Corners, contact_kinematics, corners, pose
 from jaxshroud.model.linear import free_reach, steady_amplitudes
 from jaxshroud.model.prepared import prepared_law
@@ -76,8 +77,8 @@ class _Stiffness(NamedTuple):
 
 
 def _stiffness_of(scene: Scene) -> _Stiffness:
-    b, law = scene.blades, prepared_law(scene)
-    block = corners(scene.shroud, scene.contact.reading)
+    b, law = scene.running_blades, prepared_law(scene)
+    block = corners(scene.running_shroud, scene.contact.reading)
     mass = jnp.concatenate([b.m, b.inertia_y, b.I])
     moves = jnp.array([scene.parts.has(name, i) for name in ("x", "y", "theta") for i in (0, 1)])
     mobility = jnp.where(moves, 1 / mass, 0.0)
@@ -104,7 +105,7 @@ def _relaxation(law: ContactLaw, scene: Scene) -> Scalar:
         return jnp.zeros_like(scene.drive.omega)
     free, lever = steady_amplitudes(scene), (scene.shroud.l_oa + scene.shroud.l_ab) / 2
     reach = jnp.sum(free_reach(free, "x") + free_reach(free, "y") + lever * free_reach(free, "theta"))
-    return law.relaxation(scene.drive.frequency(max(free)) * (reach + jnp.abs(scene.shroud.gap)))
+    return law.relaxation(scene.drive.frequency(max(free)) * (reach + jnp.abs(scene.running_shroud.gap)))
 
 
 def _frequencies(of: _Stiffness, xp: ModuleType, eigenvalues: Callable[[Any], Any]) -> tuple[Any, Any]:
@@ -139,6 +140,17 @@ def contact_gradients(
     def v_and_u(q):
         at = contact_kinematics(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), jnp.asarray(case), block, frozenset())
         return jnp.stack([at.v, at.u])
+
+    v_q, u_q = jax.jacfwd(v_and_u)(jnp.zeros_like(like))
+    return v_q, u_q
+
+
+def point_gradients(block: Corners, like: Array) -> tuple[Float[Array, "points 6"], Float[Array, "points 6"]]:
+    """dv/dq and du/dq at each point of faces that touch at several, see `contact_gradients`."""
+
+    def v_and_u(q):
+        at = face_kinematics(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), block)
+        return jnp.stack([jnp.stack([point.v for point in at.points]), jnp.stack([point.u for point in at.points])])
 
     v_q, u_q = jax.jacfwd(v_and_u)(jnp.zeros_like(like))
     return v_q, u_q

@@ -111,14 +111,14 @@ def prepared_row(scene: Scene) -> RowModel:
 
 def pair_at(scene: Scene, j: Any) -> Scene:
     """The pair of blades at interface `j`, without their mistuning, which contact does not feel; a pair is its own."""
-    row, s = scene.row, scene.shroud
+    row, s = scene.row, scene.running_shroud
     if row is None:
         return scene
     sides = jnp.stack([j, (j + 1) % row.blades])
     take = lambda tree: jax.tree.map(lambda a: a[sides], tree)
     width = None if scene.contact.width is None else scene.contact.width[j]
     return Scene(
-        take(scene.blades),
+        take(scene.running_blades),
         Shroud(s.alpha, s.l_oa, s.l_ab, s.gap[j]),
         Contact(scene.k[j], None, width=width, points=scene.contact.points),
         Friction(scene.friction.k_d[j], scene.friction.mu[j]),

@@ -2,11 +2,14 @@
 
 from typing import Any
 
+import numpy as np
 from pydantic_core import PydanticCustomError
 
+from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import (
     AERO_FORCES,
     COUPLED_WITHOUT_CONTACT,
+    SPRUNG,
     Layout,
     require_capability,
     require_parts,
@@ -56,6 +59,21 @@ def smooth_has_a_width(file: Any) -> Any:
     return file
 
 
+def static_start_has_no_motion(file: Any) -> Any:
+    """The file, which gives no initial motion beside a static start."""
+    if file.initial.start is None and file.initial.friction is None:
+        return file
+    for name in Motion._fields:
+        if np.any(getattr(file.initial, name)):
+            raise ValueError(f"[initial] {name} is of a start in motion; drop it, or start and friction")
+    if file.contact.reading or file.parts.contact not in (*SPRUNG, "none"):
+        other = "a printed `reading`" if file.contact.reading else f'contact = "{file.parts.contact}"'
+        raise ValueError(
+            f"[initial] a static start goes with located contact in the consistent reading, not with {other}"
+        )
+    return file
+
+
 def points_are_of_their_face(file: Any) -> Any:
     """The file, whose points of contact lie on the face and go with its contact."""
     contact, l_ab = file.contact, file.shroud.l_ab
@@ -63,7 +81,7 @@ def points_are_of_their_face(file: Any) -> Any:
         raise ValueError("[contact] shares are those of points; add points, e.g. points = 2")
     if contact.points is None:
         return file
-    if contact.reading or file.parts.contact != "spring":
+    if contact.reading or file.parts.contact not in SPRUNG:
         other = "a printed `reading`" if contact.reading else f'contact = "{file.parts.contact}"'
         raise ValueError(f"[contact] points go with located contact in the consistent reading, not with {other}")
     check_points(contact.points, contact.shares, l_ab)

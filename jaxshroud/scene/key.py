@@ -78,6 +78,7 @@ DISPLAY_UNITS = {  # SI unit, or key -> unit in pictures, and its number per SI 
     "kg m^2": ("g m²", 1e3),
     "N/m": ("kN/m", 1e-3),
     "drive.speed": ("rpm", 30 / math.pi),
+    "shroud.gap_at_speed": ("rpm", 30 / math.pi),
     **{f"blades.zeta_{name}": ("%", 100.0) for name in ("x", "y", "T")},
 }
 

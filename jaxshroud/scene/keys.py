@@ -38,6 +38,7 @@ class Motion(NamedTuple):
 AT_REST = Motion(*[(0.0, 0.0)] * 6)
 KEY_PATTERN = re.compile(r"(?P<name>.*?)(\[(?P<index>0|[1-9]\d{0,3})\])?")
 HARMONIC_ENTRY = re.compile(r"harmonic\[(?P<index>0|[1-9]\d?)\]\.(?P<name>\w+)")  # of the table `drive`
+POINT_ENTRY = re.compile(r"point\[(?P<index>0|[1-9]\d?)\]\.place")  # of the table `contact`
 SINGLE_LOADS = ("beta", "F_0", "M_0")  # of a drive without a list of harmonics
 MAX_ORDER = 99  # of a harmonic
 MIN_BLADES, MAX_BLADES = 2, 512  # of a row
@@ -55,6 +56,15 @@ SCENE_KEYS = (
     blade_key("blades.c_y", "N s/m", FROM_0, "c_y", "damping", "19.6 N s/m", "damping in y"),
     blade_key("blades.c_T", "N m s/rad", FROM_0, "c_T", "torsion damping", "0.506 N m s/rad"),
     blade_key("blades.m_y", "kg", POSITIVE, "m_y", "mass in y", "0.08 kg", "mass against motion in y", default=None),
+    blade_key(
+        "blades.B_x", "", ANY, "B_x", "growth with speed", 1.1, "growth of k_x, by m times speed^2", default=None
+    ),
+    blade_key(
+        "blades.B_y", "", ANY, "B_y", "growth with speed", 1.1, "growth of k_y, by m times speed^2", default=None
+    ),
+    blade_key(
+        "blades.B_T", "", ANY, "B_T", "growth with speed", 0.5, "growth of k_T, by I times speed^2", default=None
+    ),
     scene_key(
         "shroud.alpha", "rad", FACE, r"\alpha", "shroud angle", "60 deg", "acute angle of the block, at most pi/2"
     ),
@@ -63,6 +73,8 @@ SCENE_KEYS = (
     interface_key(
         "shroud.gap", "m", ANY, r"\Delta", "initial gap", "0.022 mm", "initial gap along x; negative: interference"
     ),
+    interface_key("shroud.gap_at", "m", ANY, r"\Delta_\Omega", "gap at speed", "-5 um", "gap at gap_at_speed", None),
+    scene_key("shroud.gap_at_speed", "rad/s", POSITIVE, r"\Omega_\Delta", "speed of gap_at", "3000 rpm", default=None),
     interface_key("contact.k", "N/m", FROM_0, "k", "contact stiffness", "2.5e5 N/m", "impact stiffness", default=None),
     interface_key(
         "contact.gamma", "", FROM_0, r"\gamma = k/k_x", "stiffness ratio", 2.5, "stiffness ratio k / k_x", None
@@ -212,17 +224,36 @@ HARMONIC_KEYS = {  # of each table [[drive.harmonic]], by their names in it
 }
 
 
+PLACE_KEY = scene_key("contact.place", "m", ANY, "s_{%s}", "place", "17.5 mm", "place up the face from its middle")
+
+
 class KeyTable(ChainMap[str, Key]):
-    """The keys by their names. Those of the harmonics of a drive, of which there are any number, are not listed."""
+    """The keys by their names. Those of harmonics and of points of contact, of any number, are not listed."""
 
     def __contains__(self, name: object) -> bool:
-        return super().__contains__(name) or (isinstance(name, str) and harmonic_key(name) is not None)
+        return super().__contains__(name) or (isinstance(name, str) and numbered_key(name) is not None)
 
     def __missing__(self, name: str) -> Key:
-        found = harmonic_key(name)
+        found = numbered_key(name)
         if found is None:
             raise KeyError(name)
         return found
+
+
+def numbered_key(name: str) -> Key | None:
+    """The key of a number of one harmonic or one point of contact; None for any other name."""
+    return harmonic_key(name) or point_key(name)
+
+
+def point_key(name: str) -> Key | None:
+    """The key of the place of one point of contact, `contact.point[1].place`; None for any other name."""
+    table, _, entry = name.partition(".")
+    match = POINT_ENTRY.fullmatch(entry)
+    if table != "contact" or match is None:
+        return None
+    words = f" of point [{match['index']}]"
+    row = PLACE_KEY
+    return row._replace(name=name, symbol=row.symbol % match["index"], label=row.label + words, about=row.about + words)
 
 
 def harmonic_key(name: str) -> Key | None:

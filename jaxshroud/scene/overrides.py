@@ -17,6 +17,7 @@ from jaxshroud.scene.keys import (
     ANY,
     HARMONIC_ENTRY,
     KEYS,
+    POINT_ENTRY,
     Key,
     find_key,
     list_words,
@@ -26,11 +27,13 @@ from jaxshroud.scene.keys import (
 from jaxshroud.scene.layout import Layout, layout_with
 from jaxshroud.scene.messages import fail, problem_text, toml_text
 from jaxshroud.scene.optional import WITHOUT_EFFECT, require_number
+from jaxshroud.scene.point_entries import no_place
 from jaxshroud.scene.replacing import STIFFNESS_KEYS
 from jaxshroud.scene.schema import TABLE_MODELS, RowTable, SweepTable, number_type, row_table_of
+from jaxshroud.scene.speed import keys_in, replaced_by
 from jaxshroud.scene.units import is_speed_of_rotation
 
-OVERRIDE = re.compile(r"\s*([a-z]+)\.(\w+|harmonic\[\d+\]\.\w+)(?:\[(0|[1-9]\d{0,3})\])?\s*=\s*(\S.*?)\s*")
+OVERRIDE = re.compile(r"\s*([a-z]+)\.(\w+|(?:harmonic|point)\[\d+\]\.\w+)(?:\[(0|[1-9]\d{0,3})\])?\s*=\s*(\S.*?)\s*")
 WORDS = re.compile(r"[a-zA-Z_][\w.]*(\s*,\s*[a-zA-Z_][\w.]*)+")
 BRACKETS = re.compile(r"\[[^\[\]\"'{}]+\]")
 # Setting the left key drops the right ones, which say the same.
@@ -99,12 +102,25 @@ def override(document: dict[str, Any], text: str) -> tuple[str, str]:
         if value is None:
             return "", ""  # likewise
     check_is_no_speed("--set", f"{table}.{name}", value, rows.get("engine_order"))
+    if (point := POINT_ENTRY.fullmatch(name)) and table == "contact":
+        _set_place(rows, int(point["index"]), value)
+        return table, "points"
     rows |= parts_of_coefficient(name, value, "--set") if table == "aero" and name in COEFFICIENTS else {name: value}
-    alternatives = [tuple(key.split(".")) for key in alternative_keys(f"{table}.{name}", layout_with(row))]
+    others = replaced_by(f"{table}.{name}", alternative_keys(f"{table}.{name}", layout_with(row)), keys_in(document))
+    alternatives = [tuple(key.split(".")) for key in others]
     for rival_table, rival_key in [*EXCLUSIVE_KEYS.get((table, name), []), *_other_order(table, name), *alternatives]:
         if isinstance(document.get(rival_table), dict):
             document[rival_table].pop(rival_key, None)
     return table, name
+
+
+def _set_place(contact: dict[str, Any], m: int, place: Any) -> None:
+    """Set the place of one point of contact in the list of a table [contact], in place."""
+    points = contact.get("points")
+    count = len(points) if isinstance(points, list) else 0
+    if m >= count:
+        fail("--set", no_place(m, count))
+    contact["points"] = [place if i == m else other for i, other in enumerate(points)]
 
 
 def _other_order(table: str, name: str) -> list[tuple[str, str]]:

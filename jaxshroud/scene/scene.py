@@ -7,6 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.cache.programs import is_traced
 from jaxshroud.scene.blades import BladeMatrices, Blades
 from jaxshroud.scene.checks import InputError, type_argument, word_argument
 from jaxshroud.scene.coupling import Aero, Coupling
@@ -28,8 +29,10 @@ from jaxshroud.scene.layout import (
     AERO_FORCES,
     COUPLED_WITHOUT_CONTACT,
     OWN_LAWS,
+    SPRUNG,
     Layout,
     Parts,
+    Start,
     layout_with,
     misprints,
     require_capability,
@@ -37,7 +40,9 @@ from jaxshroud.scene.layout import (
     row_layout,
 )
 from jaxshroud.scene.optional import split_harmonics
+from jaxshroud.scene.point_entries import with_listed_places
 from jaxshroud.scene.points import ContactPoints
+from jaxshroud.scene.speed import ORDER, check_speed, untwisted_gap
 from jaxshroud.scene.typed import short_repr
 from jaxshroud.scene.valid import KEYS_BY_TABLE, check_number, check_numbers, check_shape
 
@@ -72,6 +77,8 @@ class Shroud(eqx.Module):
     l_oa: Number = eqx.field(converter=scalar)  # side along x [m]
     l_ab: Number = eqx.field(converter=scalar)  # side along the contact face [m]
     gap: Number = eqx.field(converter=scalar)  # initial gap Delta along x [m]; negative: interference
+    gap_at: Number | None = eqx.field(converter=scalar, default=None)  # at a speed, by which it changes [m]; None: gap
+    gap_at_speed: Number | None = eqx.field(converter=scalar, default=None)  # the speed [rad/s]
 
     def __check_init__(self):
         check_numbers("shroud", self)
@@ -141,6 +148,7 @@ class Row(eqx.Module):
         return self.layout.interfaces
 
 
+START_ENTRIES = ("start", "friction")  # of the table `initial`, beside its numbers
 TABLE_CLASSES = {"blades": Blades, "shroud": Shroud, "contact": Contact, "friction": Friction, "drive": Drive}
 
 
@@ -163,6 +171,9 @@ class Scene(eqx.Module):
     row: Row | None = None  # None: the pair
     coupling: Coupling = Coupling()  # between neighbours
     aero: Aero = Aero()  # of the flow, in rows alone
+    # "motion": at `initial`, apart; "static": in the equilibrium of mean loads and contact without friction, with the
+    # sliders where the faces then are
+    start: Start = eqx.field(static=True, default="motion")
 
     def __check_init__(self):
         kinds = {**TABLE_CLASSES, "initial": Motion, "parts": Parts, "coupling": Coupling, "aero": Aero}
@@ -176,7 +187,7 @@ class Scene(eqx.Module):
             raise InputError("Smooth contact has no misprints: its `reading` must be consistent.")
         if self.parts.contact == "own" and self.contact.reading:
             raise InputError("Own laws have no misprints: the scene's `reading` must be consistent.")
-        if self.contact.points is not None and (self.contact.reading or self.parts.contact != "spring"):
+        if self.contact.points is not None and (self.contact.reading or self.parts.contact not in SPRUNG):
             other = "misprints (`reading`)" if self.contact.reading else f'contact = "{self.parts.contact}"'
             raise InputError(f"Contact points go with located contact in the consistent reading, not with {other}.")
         if self.contact.points is not None:
@@ -188,13 +199,31 @@ class Scene(eqx.Module):
             require_capability(AERO_FORCES, self.layout)
         if self.is_coupled and self.parts.contact == "none":
             raise InputError(COUPLED_WITHOUT_CONTACT)
+        word_argument("start", self.start, Start)
+        if self.start != "motion":
+            self._require_equilibrium()
         if self.laws is not None and not self.laws.marches_in_rows:
             require_capability(OWN_LAWS, self.layout)
         check_numbers("initial", self.initial)
         self._check_shapes()
+        self._check_speed()
         for key, value in self.given.items():
             if value is not None:
                 check_number(key_in(ALL_KEYS[key], self.layout), value, self.layout)
+
+    def _require_equilibrium(self) -> None:
+        """Raise an InputError unless static equilibria of such a scene are known."""
+        what = ""
+        if self.start == "from rest":
+            raise InputError('A static start with friction "from rest" is not known yet; drop initial.friction.')
+        if self.contact.reading:
+            what = "misprints (`reading`), whose contact has no energy"
+        elif self.parts.contact not in (*SPRUNG, "none"):
+            what = f'contact = "{self.parts.contact}"'
+        elif self.blades.matrices() is not None:
+            what = "blades by matrices"
+        if what:
+            raise InputError(f"A static start is one of located contact of lumped blades so far, not with {what}.")
 
     def _check_shapes(self) -> None:
         for table, keys in KEYS_BY_TABLE.items():
@@ -204,6 +233,25 @@ class Scene(eqx.Module):
                     check_shape(key, value, self.layout)
         for name, value in self.drive.of_harmonics().items():
             check_shape(ALL_KEYS[f"drive.{name}"], value, self.layout)
+
+    def _check_speed(self) -> None:
+        numbers = self._numbers_of_speed()
+        if self.blades.grow and type(self.blades).matrices is not Blades.matrices:
+            raise InputError("Blades by matrices do not grow stiffer with speed: `B_x`, `B_y`, `B_T` must be None.")
+        if not is_traced((numbers, self.given)):
+            check_speed(numbers, self.given, self.layout.blades)
+
+    def _numbers_of_speed(self) -> dict[str, Any]:
+        """The numbers that depend on the speed, or give it, by their keys."""
+        parts = {"blades": self.blades, "shroud": self.shroud}
+        named = {key.name: getattr(part, name) for table, part in parts.items() for name, key in KEYS_BY_TABLE[table]}
+        named |= {"drive.omega": self.drive.omega, "row.mistuning": self.row and self.row.mistuning}
+        return {key: value for key, value in named.items() if value is not None}
+
+    @property
+    def depends_on_speed(self) -> bool:
+        """Whether stiffnesses or the gap depend on the speed of the rotor."""
+        return self.blades.grow or self.shroud.gap_at is not None
 
     @property
     def k(self) -> Number:
@@ -219,12 +267,35 @@ class Scene(eqx.Module):
         return self.layout.at_interfaces(self.blades.k_x[..., : self.layout.interfaces])
 
     @property
+    def _speed_square(self) -> Any:
+        """The square of the speed [rad^2/s^2], where something depends on it."""
+        return (self.drive.omega / self.given[ORDER]) ** 2
+
+    def _at_speed(self, blades: Blades) -> Blades:
+        return blades.at_speed(self._speed_square[..., None]) if blades.grow else blades
+
+    @property
+    def running_blades(self) -> Blades:
+        """The blades with their stiffness at the scene's speed, without mistuning."""
+        return self._at_speed(self.blades)
+
+    @property
+    def running_shroud(self) -> Shroud:
+        """The shroud with the gap that it has at the scene's speed."""
+        s = self.shroud
+        if s.gap_at is None:
+            return s
+        square = self._speed_square[(..., *(None for _ in self.layout.interface_shape))]
+        gap = untwisted_gap(s.gap, s.gap_at, s.gap_at_speed, square)
+        return Shroud(s.alpha, s.l_oa, s.l_ab, gap)
+
+    @property
     def mistuned_blades(self) -> Blades:
-        """The blades with the mistuning of their row."""
+        """The blades with the mistuning of their row, and their stiffness at the scene's speed."""
         if self.row is None:
-            return self.blades
+            return self.running_blades
         of, factor = (lambda b: (b.k_x, b.k_y, b.k_T)), 1 + self.row.mistuning
-        return eqx.tree_at(of, self.blades, tuple(factor * k for k in of(self.blades)))
+        return self._at_speed(eqx.tree_at(of, self.blades, tuple(factor * k for k in of(self.blades))))
 
     @property
     def blade_matrices(self) -> BladeMatrices | None:
@@ -275,13 +346,27 @@ def scene_of(tables: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]) 
         _contact_of(tables),
         Friction(**tables["friction"]),
         _drive_of(tables["drive"]),
-        Motion(**tables["initial"]),
+        Motion(**{name: value for name, value in tables["initial"].items() if name not in START_ENTRIES}),
         Parts(**{**parts, "motion": tuple(parts["motion"])}),
         given=given,  # pyright: ignore[reportArgumentType]
         row=row,
         coupling=Coupling(**tables.get("coupling", {})),
         aero=Aero(**tables.get("aero", {})),
+        start=_start_of(tables["initial"]),
     )
+
+
+def _start_of(entries: Mapping[str, Any]) -> Start:
+    """Where a march begins, from the entries of the table `initial`."""
+    if entries.get("friction") is not None:
+        return "from rest"
+    return "motion" if entries.get("start") is None else "static"
+
+
+def start_entries(start: Start) -> dict[str, str]:
+    """The entries of the table `initial` that say where a march begins."""
+    friction = {"friction": "from rest"} if start == "from rest" else {}
+    return {} if start == "motion" else {"start": "static", **friction}
 
 
 def _drive_of(entries: Mapping[str, Any]) -> Drive:
@@ -292,6 +377,7 @@ def _drive_of(entries: Mapping[str, Any]) -> Drive:
 
 def _contact_of(tables: Mapping[str, Mapping[str, Any]]) -> Contact:
     entries = {"k": None, "gamma": None, **tables["contact"]}
+    entries = with_listed_places(entries)
     points, shares = entries.pop("points", None), entries.pop("shares", None)
     return Contact(**entries, points=None if points is None else ContactPoints(points, shares))
 
@@ -304,5 +390,9 @@ def _for_layout(key: str, value: Any, layout: Layout) -> Any:
 
 
 def without_given(scene: Scene) -> Scene:
-    """The numbers of a scene alone, which are all that its motion depends on: one program marches all scenes."""
-    return eqx.tree_at(lambda s: s.given, scene, {}, is_leaf=lambda part: isinstance(part, dict))
+    """The numbers of a scene alone, which are all that its motion depends on: one program marches all scenes.
+
+    The engine order is kept where its speed matters.
+    """
+    kept = {ORDER: scene.given[ORDER]} if scene.depends_on_speed else {}
+    return eqx.tree_at(lambda s: s.given, scene, kept, is_leaf=lambda part: isinstance(part, dict))

@@ -33,11 +33,12 @@ from jaxshroud.scene.file_rules import (
     points_in_file,
     shares_in_file,
     smooth_has_a_width,
+    static_start_has_no_motion,
 )
+from jaxshroud.scene.key import FROM_0, Range
 from jaxshroud.scene.keys import (
     AERO_KEYS,
     ALL_KEYS,
-    FROM_0,
     HARMONIC_KEYS,
     MAX_BLADES,
     MAX_ORDER,
@@ -46,7 +47,6 @@ from jaxshroud.scene.keys import (
     SINGLE_LOADS,
     TABLES_IN_ROW,
     Key,
-    Range,
     keys_of_table,
     list_words,
     number_shape,
@@ -285,6 +285,11 @@ _POINTS_KEY = key("points of contact of a face: how many, or where", 2)
 _SHARES_KEY = key("share of the stiffnesses of each point", [0.5, 0.5])
 POINTS = (Annotated[Annotated[Any, BeforeValidator(points_in_file)] | None, _POINTS_KEY], None)
 POINT_SHARES = (Annotated[Annotated[Any, BeforeValidator(shares_in_file)] | None, _SHARES_KEY], None)
+START = (Annotated[Literal["static"] | None, key("start in the static equilibrium instead", "static")], None)
+START_FRICTION = (
+    Annotated[Literal["from rest"] | None, key("with friction as loads from rest leave it", "from rest")],
+    None,
+)
 TITLE = Annotated[str, key("what the scene shows, in one line", "Fig. 9", pattern=r"^[\P{Cc}\t]*$")]
 
 
@@ -297,7 +302,7 @@ def table_models(layout: Layout, harmonics: int) -> dict[str, type[Table]]:
         "friction": _number_table("friction", layout),
         "coupling": _number_table("coupling", layout),
         "drive": _drive_table(layout, harmonics),
-        "initial": _number_table("initial", layout),
+        "initial": _number_table("initial", layout, start=START, friction=START_FRICTION),
         "parts": PartsTable,
         "run": RunTable,
         "sweep": SweepTable,
@@ -338,6 +343,7 @@ def scene_file_type(layout: Layout, harmonics: int) -> Any:
         file,
         AfterValidator(smooth_has_a_width),
         AfterValidator(points_are_of_their_face),
+        AfterValidator(static_start_has_no_motion),
         AfterValidator(partial(parts_are_of_its_layout, layout=layout)),
         AfterValidator(partial(coupling_is_of_its_layout, layout=layout)),
     ]

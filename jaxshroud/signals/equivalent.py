@@ -103,7 +103,7 @@ def equivalent_values(
 
 def linear_blades(scenes: Scene, i: int) -> LinearBlades:
     """The blades of one of many scenes (leading axis)."""
-    b, drive = scenes.blades, jax.tree.map(lambda a: np.asarray(a, float)[i], scenes.drive)
+    b, drive = scenes.running_blades, jax.tree.map(lambda a: np.asarray(a, float)[i], scenes.drive)
     first, mean = drive.harmonics().get(1), drive.harmonics().get(0)
     stacked = lambda *columns: np.stack([np.asarray(a, float)[i] for a in columns], axis=-1)
     load = np.zeros((2, 3)) if first is None else _stacked_load(first)

@@ -16,6 +16,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from jaxshroud.batch.linear_motion import is_linear
 from jaxshroud.batch.marches import march_of, require_march
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.io.lane_status import AccuracyWarning
@@ -207,7 +208,7 @@ def missed_lanes(scenes: Scene, choice: Choice, ends: EndStates = end_states) ->
 
 def _with_moved_start(scenes: Scene, shares: FloatArray) -> Scene:
     """The scenes (leading axis) with x, y, theta of the starts moved by shares of them, or of what the drive bends."""
-    b, load, start = scenes.blades, scenes.drive.largest_load, scenes.initial
+    b, load, start = scenes.running_blades, scenes.drive.largest_load, scenes.initial
     static = load("x") / b.k_x, load("y") / b.k_y, load("theta") / b.k_T
     moved = [
         own + np.maximum(np.abs(own), bent) * share
@@ -264,6 +265,8 @@ def choose_method(
         InputError: An accuracy is requested for smooth contact or for own laws, or power series for a row.
     """
     asked, law = resolved.asked, law_type(lanes)
+    if is_linear(lanes):
+        return usual, None
     _refuse_accuracy(asked, law)
     if asked.plan is not None:
         method, choice = asked.plan.method, asked.plan.choice

@@ -134,6 +134,7 @@ def lines_of(sheet: DataSheet) -> dict[str, str]:
         "speed": _speed_text(sheet),
         "gap": f"{_gap_text(sheet)} mm; the free blades approach by {approach}",
         **({"static gap": f"{_texts_of(sheet.static_gaps, 1e3)} mm under the mean loads"} if sheet.static_gaps else {}),
+        **({"pressed": _pressed_text(lines.pressed)} if (lines := sheet.over_speed) and lines.pressed else {}),
         "inertia": f"{_texts_of(sheet.inertia)} times that of a uniform block",
         "contact": f"gamma = k / k_x = {_texts_of(sheet.gammas) if sheet.gammas else f'{sheet.gamma:.4g}'}",
         "stiffest motion": f"{sheet.omega_max / math.tau:.5g} Hz; {sheet.steps} steps a period (auto, rk4)",
@@ -161,7 +162,14 @@ def _speed_text(sheet: DataSheet) -> str:
     known = "" if sheet.is_own_order else ", taken as the scene tells none"
     span = f"crossings from {sheet.start * RPM:.5g} to {sheet.stop * RPM:.5g} rpm"
     at_order = f"engine order {sheet.drive_order:g}{known}"
-    return f"{sheet.speed * RPM:.5g} rpm at {at_order}; {span}, without centrifugal stiffening"
+    growth = "with the stiffness of each speed" if sheet.over_speed else "without centrifugal stiffening"
+    return f"{sheet.speed * RPM:.5g} rpm at {at_order}; {span}, {growth}"
+
+
+def _pressed_text(pressed: tuple[tuple[float, float], ...]) -> str:
+    """The ranges of speeds in which the faces are pressed together at rest."""
+    ranges = " and ".join(f"{start * RPM:.5g} to {stop * RPM:.5g}" for start, stop in pressed)
+    return f"from {ranges} rpm: crossings in contact there, apart elsewhere"
 
 
 def _table_row(sheet: DataSheet, name: str, coordinate: Coordinate, i: int) -> list[str]:
