@@ -61,6 +61,11 @@ many as there are interfaces: `gap = ["20 um", "25 um", ...]`. A key names one o
 `blades.k_x[17]`, `shroud.gap[3]`, `row.mistuning[2]`. `gamma` refers to the `k_x` of the blade on the left of its
 interface, without mistuning. Mistuning that was drawn is written as a list into results.
 
+`[row.coupling]` holds the keys `coupling.k_x` to `coupling.c_T` of the first table, springs and dampers
+[between neighbours](row.md#the-disk-coupling-of-neighbours), and `[row.aero]` influence coefficients of the
+[flow](row.md#flow-influence-coefficients-and-flutter) as pairs, `L1 = [real, imaginary]`. Both may be tables of their
+own, `[coupling]` and `[aero]`; keys are `coupling.k_x` or `row.coupling.k_x`.
+
 `drive.engine_order` alone sets the phases, $2 \\pi e i / N$ of blade i; with `drive.speed` it sets the frequency too,
 which may as well be given by `omega` or `f`. In a ring it is a whole number, and with a speed it is positive. A `phase`
 beside it is an error. A row has the consistent reading, blades at both ends and the laws of the package.

@@ -25,6 +25,7 @@ from jaxshroud.batch.equilibrium import (
 )
 from jaxshroud.cache.programs import kept
 from jaxshroud.model.arithmetic import sine_versine
+from jaxshroud.model.coupling import coupled_damping
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import static_position
 from jaxshroud.model.modes import FLAT, Mode
@@ -221,6 +222,8 @@ def _swing(scene: Scene, held: HeldContact) -> tuple[_Forced, Any]:
     at = resting_contact_of(scene, q, held.mode, held.case, None)
     K = reduced(jnp.diag(springs) + _assembled(at.load_q, blades)) + idle
     M, C = reduced(jnp.diag(masses)), reduced(jnp.diag(dampers))
+    if scene.is_coupled:
+        C = C + reduced(coupled_damping(scene))
     waves = {}
     for n, one in sines.items():
         if n == 0:
