@@ -37,9 +37,11 @@ def lines_of_speeds(
     Raises:
         InputError: A stiffness is negative at the end of the range.
     """
-    blades, growth, speeds = in_float64(system), growth_of(arrays), np.linspace(*ends, SHOWN_SPEEDS)
+    blades, growth = in_float64(system), growth_of(arrays)
     _check_end(arrays, ends[1])
     pressed = _pressed(arrays, blades, growth, ends, modes)
+    changes = np.array([end for one in pressed for end in one])
+    speeds = np.unique(np.concatenate([np.linspace(*ends, SHOWN_SPEEDS), changes, np.nextafter(changes, ends[1])]))
     frequencies, crossings = np.empty((len(modes), len(speeds))), np.empty((len(modes), len(orders)))
     for contact in dict.fromkeys(mode.contact for mode in modes):
         told = [i for i, mode in enumerate(modes) if mode.contact == contact]
