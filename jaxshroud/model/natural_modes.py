@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.drive import DriveHarmonic, MeanLoad
+from jaxshroud.scene.drive import AnyLoad
 from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
@@ -79,9 +79,9 @@ def drive_loads(scene: Scene) -> dict[int, tuple[Any, Any]]:
     return {n: _load(one) for n, one in scene.drive.harmonics().items() if n > 0}
 
 
-def _load(drive: DriveHarmonic | MeanLoad) -> tuple[Any, Any]:
-    size = jnp.concatenate([drive.F_x, drive.F_y, drive.M_0])
-    return size * jnp.tile(jnp.cos(drive.phase), 3), size * jnp.tile(jnp.sin(drive.phase), 3)
+def _load(drive: AnyLoad) -> tuple[Any, Any]:
+    re, im = zip(*map(drive.parts, COORDINATES), strict=True)
+    return jnp.concatenate(re), jnp.concatenate(im)
 
 
 def contact_stiffness(blades: LinearContact, contact: NaturalContact) -> Any:
