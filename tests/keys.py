@@ -5,7 +5,17 @@
 
 from pathlib import Path
 
-from jaxshroud.scene.keys import ALL_KEYS, HARMONIC_KEYS, INPUT_KEYS, MAX_BLADES, MIN_BLADES, ROW_KEYS, SCENE_KEYS, Key
+from jaxshroud.scene.keys import (
+    ALL_KEYS,
+    COMPLEX_KEYS,
+    HARMONIC_KEYS,
+    INPUT_KEYS,
+    MAX_BLADES,
+    MIN_BLADES,
+    ROW_KEYS,
+    SCENE_KEYS,
+    Key,
+)
 from jaxshroud.scene.optional import WITHOUT_EFFECT
 
 FILE = Path(__file__).parent.parent / "docs" / "keys.md"
@@ -96,13 +106,28 @@ phase = ["0 deg", "90 deg"]
 Keys count them from 0: `drive.harmonic[1].F[3]` is the force of the second harmonic on blade 3. `drive.level`
 multiplies all of them, and is what to sweep in the place of `drive.F_0`.
 
+In the place of `F`, `beta`, `M` and `phase` a harmonic may have complex amplitudes Q, of which the imaginary part of
+Q exp(i n (omega t + phi_i)) acts: `F_x_re` goes with the sine and `F_x_im` with the cosine, and `F_y_re`, `F_y_im`,
+`M_re` and `M_im` alike. Forces along x and y and the moment then each have a phase of their own. What is left out is 0.
+
+A table of the load over one period of omega, as CFD gives it, makes the harmonics by itself:
+
+```toml
+[drive]
+table = "pressure.csv"   # angle [deg], F_x [N], F_y [N], M [N m]: the angle, and one load or more
+harmonics = 3            # of the orders 1 to 3, by least squares
+```
+
+The path counts from the folder of the scene file. The mean of the table becomes the mean load, and `check` tells what
+the harmonics leave out: the RMS of the rest over that of the table about its mean. Results hold the harmonics.
+
 | key | symbol | unit | range | per | default | example | |
 |---|---|---|---|---|---|---|---|
 """
 FOOT = """
 (from the table in `jaxshroud/scene/keys.py` by `python tests/keys.py`)
 """
-OF_HARMONICS = [f"drive.harmonic[1].{name}" for name in HARMONIC_KEYS]
+OF_HARMONICS = [f"drive.harmonic[1].{name}" for name in (*HARMONIC_KEYS, *COMPLEX_KEYS)]
 HARMONIC_ROWS = [ALL_KEYS[name] for name in OF_HARMONICS]
 
 

@@ -17,10 +17,10 @@ FIELDS_OF_LOADS = {"x": "F_x", "y": "F_y", "theta": "M_0"}  # of the coordinates
 SINGLE_KEYS = tuple(f"drive.{name}" for name in SINGLE_LOADS)
 
 
-Kept = Callable[[Any], Any]
+KeptLoad = Callable[[Any], Any]
 
 
-def _as_it_is(load: Any) -> Any:
+def _whole_load(load: Any) -> Any:
     return load
 
 
@@ -54,13 +54,13 @@ class DriveHarmonic(NamedTuple):
         """The amplitude of the force along x or y [N], or of the moment on theta [N m]."""
         return getattr(self, FIELDS_OF_LOADS[name])
 
-    def parts(self, name: str, kept: Kept = _as_it_is) -> tuple[Any, Any]:
+    def parts(self, name: str, kept: KeptLoad = _whole_load) -> tuple[Any, Any]:
         """The real and the imaginary part of the complex amplitude of a load, of which `kept` makes what counts."""
         return _parts_of(kept(self.load(name)), self.phase)
 
 
 class ComplexLoad(NamedTuple):
-    """A force and a moment by complex amplitudes Q: the imaginary part of Q exp(i (n omega t + phase)) of each blade."""
+    """Loads of each blade by complex amplitudes Q: the imaginary part of Q exp(i (n omega t + phase))."""
 
     F_x_re: PerBlade  # [N]
     F_x_im: PerBlade
@@ -78,17 +78,17 @@ class ComplexLoad(NamedTuple):
     @property
     def F_x(self) -> Any:
         """The amplitude of the force along x [N], by NumPy or JAX."""
-        return _size(self.F_x_re, self.F_x_im)
+        return _modulus(self.F_x_re, self.F_x_im)
 
     @property
     def F_y(self) -> Any:
         """The amplitude of the force along y [N], by NumPy or JAX."""
-        return _size(self.F_y_re, self.F_y_im)
+        return _modulus(self.F_y_re, self.F_y_im)
 
     @property
     def M_0(self) -> Any:
         """The amplitude of the moment [N m], by NumPy or JAX."""
-        return _size(self.M_re, self.M_im)
+        return _modulus(self.M_re, self.M_im)
 
     def load(self, name: str) -> Any:
         """The amplitude of the force along x or y [N], or of the moment on theta [N m]."""
@@ -99,14 +99,14 @@ class ComplexLoad(NamedTuple):
         stem = FIELDS_OF_LOADS[name].removesuffix("_0")
         return getattr(self, f"{stem}_re"), getattr(self, f"{stem}_im")
 
-    def parts(self, name: str, kept: Kept = _as_it_is) -> tuple[Any, Any]:
+    def parts(self, name: str, kept: KeptLoad = _whole_load) -> tuple[Any, Any]:
         """The real and the imaginary part of the complex amplitude of a load, of which `kept` makes what counts."""
         re, im = map(kept, self.in_phase_and_quadrature(name))
         s, c = (getattr(self.phase.__array_namespace__(), f)(self.phase) for f in ("sin", "cos"))
         return re * c - im * s, re * s + im * c
 
 
-def _size(re: Any, im: Any) -> Any:
+def _modulus(re: Any, im: Any) -> Any:
     return (re**2 + im**2) ** 0.5
 
 
@@ -126,7 +126,7 @@ class MeanLoad(NamedTuple):
         """The force along x or y [N], or the moment on theta [N m]."""
         return getattr(self, FIELDS_OF_LOADS[name])
 
-    def parts(self, name: str, kept: Kept = _as_it_is) -> tuple[Any, Any]:
+    def parts(self, name: str, kept: KeptLoad = _whole_load) -> tuple[Any, Any]:
         """The real and the imaginary part of the load as one of a harmonic, of which `kept` makes what counts."""
         return _parts_of(kept(self.load(name)), self.phase)
 
