@@ -47,7 +47,11 @@ A scene remembers what it is given by: where `blades.m` changes, a scene that is
 and `zeta_x` keeps these, and `k_x` and `c_x` follow. Numbers that are replaced in Python without `vary` are simply
 numbers: the inputs that no longer give them do not count.
 
-A speed needs an engine order. For `drive.omega` of a scene with an engine order, `"1300 rpm"` is an error: name
+A speed needs an engine order. At the speed Omega = omega / e of the rotor the stiffnesses are k_x + B_x m Omega^2,
+k_y + B_y m_y Omega^2 and k_T + B_T I Omega^2, and the gap is gap + (gap_at - gap) (Omega / gap_at_speed)^2. `k_x` and
+its like, `gamma`, `f_x`, `zeta_x` and mistuning refer to the blade at rest, and dampers stay as they are. These numbers
+need an engine order, which in a pair may then stand beside `omega` or `f`; in a row it also gives the phases, which
+cannot be replaced by others. For `drive.omega` of a scene with an engine order, `"1300 rpm"` is an error: name
 `drive.speed`.
 
 | key | symbol | unit | range | per | default | example | |

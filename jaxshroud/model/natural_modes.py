@@ -2,8 +2,8 @@
 
 Coordinates are q = (x_1, x_2, y_1, y_2, theta_1, theta_2), as in `contact_gradients`; of N blades, those of x of all
 blades, then y, then theta. All interfaces of a row are in the same state of contact. Contact is looked at where it
-begins: the blocks at their unloaded angles, corner at corner, without preload. Blades keep their stiffness at all
-speeds: there is no centrifugal stiffening.
+begins: the blocks at their unloaded angles, corner at corner, without preload. Blades have their stiffness at the
+scene's speed; `growing_modes` has the modes over the speed.
 """
 
 from collections.abc import Sequence
