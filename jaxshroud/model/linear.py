@@ -91,7 +91,7 @@ def _elastic_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Amplitudes
     rows = [[lax.complex(a, jnp.zeros_like(a)) for a in row] for row in shroud]
     moving = [float(scene.parts.has(name, 0)) for name in COORDINATES]
     loads = [
-        lax.complex(*(part * moves for part in drive.parts(name)))
+        lax.complex(*(part * moves for part in drive.parts(name)[:2]))
         for name, moves in zip(COORDINATES, moving, strict=True)
     ]
     forces = times_vector([[row[j] for row in rows] for j in size], loads)
@@ -105,12 +105,13 @@ def _steady_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Amplitudes:
 
     def response(name, m, c, k):
         kept = lambda load: jnp.where(moves(name), load, 0.0)
-        force = lax.complex(*drive.parts(name, kept))
+        load = drive.parts(name, kept)
+        force = lax.complex(load.re, load.im)
         detuning, loss = k - m * omega**2, c * omega
         stiffness = lax.complex(detuning, loss)
         # driven at its natural frequency, up to the rounding of numbers
         is_undamped = (loss == 0) & (jnp.abs(detuning) <= RESONANCE_ROUNDINGS * jnp.finfo(omega.dtype).eps * k)
-        unbounded = jnp.where(kept(drive.load(name)) == 0, 0.0, jnp.inf)
+        unbounded = jnp.where(load.size == 0, 0.0, jnp.inf)
         return jnp.where(is_undamped, unbounded, force / jnp.where(is_undamped, 1.0, stiffness))
 
     return Amplitudes(

@@ -80,7 +80,7 @@ def drive_loads(scene: Scene) -> dict[int, tuple[Any, Any]]:
 
 
 def _load(drive: AnyLoad) -> tuple[Any, Any]:
-    re, im = zip(*map(drive.parts, COORDINATES), strict=True)
+    re, im, _ = zip(*map(drive.parts, COORDINATES), strict=True)
     return jnp.concatenate(re), jnp.concatenate(im)
 
 

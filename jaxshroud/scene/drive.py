@@ -24,9 +24,17 @@ def _whole_load(load: Any) -> Any:
     return load
 
 
-def _parts_of(load: Any, phase: Any) -> tuple[Any, Any]:
+class LoadParts(NamedTuple):
+    """The complex amplitude of a load, by NumPy or JAX."""
+
+    re: Any
+    im: Any
+    size: Any  # 0 where there is no load
+
+
+def _parts_of(load: Any, phase: Any) -> LoadParts:
     xp = phase.__array_namespace__()
-    return load * xp.cos(phase), load * xp.sin(phase)
+    return LoadParts(load * xp.cos(phase), load * xp.sin(phase), load)
 
 
 class DriveHarmonic(NamedTuple):
@@ -54,8 +62,8 @@ class DriveHarmonic(NamedTuple):
         """The amplitude of the force along x or y [N], or of the moment on theta [N m]."""
         return getattr(self, FIELDS_OF_LOADS[name])
 
-    def parts(self, name: str, kept: KeptLoad = _whole_load) -> tuple[Any, Any]:
-        """The real and the imaginary part of the complex amplitude of a load, of which `kept` makes what counts."""
+    def parts(self, name: str, kept: KeptLoad = _whole_load) -> LoadParts:
+        """The complex amplitude of a load, of which `kept` makes what counts."""
         return _parts_of(kept(self.load(name)), self.phase)
 
 
@@ -99,11 +107,11 @@ class ComplexLoad(NamedTuple):
         stem = FIELDS_OF_LOADS[name].removesuffix("_0")
         return getattr(self, f"{stem}_re"), getattr(self, f"{stem}_im")
 
-    def parts(self, name: str, kept: KeptLoad = _whole_load) -> tuple[Any, Any]:
-        """The real and the imaginary part of the complex amplitude of a load, of which `kept` makes what counts."""
+    def parts(self, name: str, kept: KeptLoad = _whole_load) -> LoadParts:
+        """The complex amplitude of a load, of which `kept` makes what counts."""
         re, im = map(kept, self.in_phase_and_quadrature(name))
         s, c = (getattr(self.phase.__array_namespace__(), f)(self.phase) for f in ("sin", "cos"))
-        return re * c - im * s, re * s + im * c
+        return LoadParts(re * c - im * s, re * s + im * c, _modulus(re, im))
 
 
 def _modulus(re: Any, im: Any) -> Any:
@@ -126,8 +134,8 @@ class MeanLoad(NamedTuple):
         """The force along x or y [N], or the moment on theta [N m]."""
         return getattr(self, FIELDS_OF_LOADS[name])
 
-    def parts(self, name: str, kept: KeptLoad = _whole_load) -> tuple[Any, Any]:
-        """The real and the imaginary part of the load as one of a harmonic, of which `kept` makes what counts."""
+    def parts(self, name: str, kept: KeptLoad = _whole_load) -> LoadParts:
+        """The load as that of a harmonic, of which `kept` makes what counts."""
         return _parts_of(kept(self.load(name)), self.phase)
 
 

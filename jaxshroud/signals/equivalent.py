@@ -115,7 +115,7 @@ def linear_blades(scenes: Scene, i: int) -> LinearBlades:
 def _stacked_load(one: AnyLoad) -> ComplexAmplitudes:
     """The complex amplitudes of the load of one harmonic."""
     parts = [one.parts(name) for name in ("x", "y", "theta")]
-    return np.stack([re + 1j * im for re, im in parts], axis=-1)
+    return np.stack([one.re + 1j * one.im for one in parts], axis=-1)
 
 
 class HarmonicMotion(NamedTuple):
