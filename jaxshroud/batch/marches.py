@@ -5,6 +5,8 @@ from operator import attrgetter
 from jaxshroud.batch.blocks import PAIR_KERNELS
 from jaxshroud.batch.closed_form import closed_form_runs, free_trajectories, no_steps, no_trial
 from jaxshroud.batch.flows import PAIR_FLOWS
+from jaxshroud.batch.linear_motion import is_linear
+from jaxshroud.batch.linear_runs import settled_runs
 from jaxshroud.batch.march_protocol import March
 from jaxshroud.batch.operation_count import size_of_pair_trial, size_of_row_trial
 from jaxshroud.batch.pair_samples import balance_of_pairs, motions_of_pairs, sampled_pairs
@@ -18,7 +20,7 @@ from jaxshroud.march.stepper import POWER_SERIES, RUNGE_KUTTA, stepper_for
 from jaxshroud.model.prepared import law_type
 from jaxshroud.model.spring_contact import NoContact
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.layout import LIMITED, PAIR
+from jaxshroud.scene.layout import COUPLED_WITHOUT_CONTACT, LIMITED, PAIR, require_steps
 from jaxshroud.scene.scene import Scene
 
 PAIRS = March(
@@ -61,10 +63,15 @@ WITHOUT_CONTACT = PAIRS._replace(
     stepping=no_steps,
     knows=lambda law: law is NoContact,
 )
+# Contact that is asked to stay in one state has a closed form too, of its settled motion.
+LINEAR_PAIRS = PAIRS._replace(run=settled_runs(begin_lanes), trial_size=no_trial, stepping=no_steps)
+LINEAR_ROWS = ROWS._replace(run=settled_runs(begin_rows), trial_size=no_trial, stepping=no_steps)
 
 
 def march_of(scenes: Scene) -> March:
     """The march of scenes, by their layout and their contact."""
+    if is_linear(scenes):
+        return LINEAR_PAIRS if scenes.layout == PAIR else LINEAR_ROWS
     if scenes.layout != PAIR:
         return ROWS
     return WITHOUT_CONTACT if scenes.parts.contact == "none" else PAIRS
@@ -72,9 +79,12 @@ def march_of(scenes: Scene) -> March:
 
 def require_march(scenes: Scene, method: Choices) -> None:
     """Raise InputError unless the march of scenes and the stepper of the method know their contact and each other."""
+    require_steps(scenes.parts.contact)
     march, stepper, law = march_of(scenes), stepper_for(method), law_type(scenes)
     if march is not ROWS and scenes.blade_matrices is not None:
         raise InputError("Blades with matrices march in rows so far: the pair's kernels know lumped blades.")
+    if scenes.is_coupled and law is NoContact:
+        raise InputError(COUPLED_WITHOUT_CONTACT)
     if not march.knows(law):
         raise InputError(LIMITED[f'`parts.contact` = "{scenes.parts.contact}"'].refusal())
     if stepper not in march.steppers:

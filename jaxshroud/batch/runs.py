@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 
+from jaxshroud.batch.linear_motion import is_linear
 from jaxshroud.batch.marches import march_of, require_march
 from jaxshroud.batch.periods import lanes_per_call
 from jaxshroud.batch.plan import Plan, Runs, Tick, Ticker, completed_runs
@@ -28,7 +29,8 @@ def stepping_method(scene: Scene, method: Choices) -> Tableau | TaylorOptions | 
     Raises:
         InputError: The march of the scene, or the stepper of the method, does not know its contact.
     """
-    require_march(scene, method)
+    if not is_linear(scene):
+        require_march(scene, method)
     return march_of(scene).stepping(method)
 
 

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.batch.equilibrium import static_equilibria
 from jaxshroud.cache.programs import is_traced, kept
 from jaxshroud.march.log import is_of_blades
 from jaxshroud.march.observables import ContactForces, contact_forces, stacked_point_forces
@@ -14,6 +15,7 @@ from jaxshroud.model.blade import ElasticMotion
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.points_contact import points_last
 from jaxshroud.model.prepared import Model, State, as_pairs, prepared_model
+from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import COORDINATES, PAIR, Layout
 from jaxshroud.scene.scene import Scene
@@ -21,9 +23,26 @@ from jaxshroud.scene.typed import Tree
 
 
 def initial_states(scenes: Scene) -> State:
-    """The initial state of each scene (leading axis), which lets nothing be compiled."""
+    """The initial state of each scene (leading axis), which lets nothing be compiled but for a static start."""
+    if scenes.start != "motion":
+        return static_states(scenes)
+    return states_apart(scenes, scenes.initial)
+
+
+def static_states(scenes: Scene) -> State:
+    """The states of scenes (leading axis) in their static equilibria; see `Scene.start`."""
+    if is_traced(scenes):
+        raise InputError("A static start is not found inside JAX's transformations; give a `state` to start from.")
+    at_rest = static_equilibria(scenes).q.astype(scenes.drive.omega.dtype)
+    x, y, theta = np.moveaxis(at_rest, 1, 0)
+    still = np.zeros_like(x)
+    return states_apart(scenes, Motion(x, y, theta, still, still, still))
+
+
+def states_apart(scenes: Scene, motion: Motion) -> State:
+    """The states of scenes (leading axis) with a motion, apart: where blocks overlap, contact begins at once."""
     like = jnp if is_traced(scenes) else np
-    motion, one = scenes.initial, scenes.friction.mu  # at each interface
+    one = scenes.friction.mu  # at each interface
     nothing, points = like.zeros_like(one, np.int32), scenes.contact.points
     if points is None:
         return State(motion, like.zeros_like(one, motion.x.dtype), nothing, nothing)

@@ -23,8 +23,10 @@ from jaxshroud.batch.xla import best_mapping, repeat_lane
 from jaxshroud.march.method import Choices
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
+from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, worked_out
 from jaxshroud.scene.keys import find_key, number_shape
+from jaxshroud.scene.layout import require_steps
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.vary import field_of, given_of, numbers_of
 
@@ -35,6 +37,7 @@ def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Choices, tu
     Numbers of blades have a last axis of them; a row's means are of all blades, those of the pair of the left block.
     With `turns` (lanes,) they run as many drive periods each, of any length, `n` times; `steps` are those of a period.
     """
+    require_steps(scenes.value.parts.contact)
     lanes = len(scenes.value.drive.omega)
     few, many = march_of(scenes.value).flows.lanes_per_call
     width = many if lanes > 2 * few else few
@@ -285,5 +288,7 @@ def _sampled_chunk(scenes: Dual, states: Dual, schedule: Schedule, wanted: int) 
 
 def start_duals(scenes: Dual) -> Dual:
     """The initial states of scenes with directions, with the directions of their numbers `initial`."""
+    if scenes.value.start != "motion":
+        raise InputError("A record is fitted from an initial motion so far: a static start has no derivatives there.")
     moved = initial_states(scenes.tangent)
     return Dual(initial_states(scenes.value), State(moved.motion, moved.u_s, None, None))

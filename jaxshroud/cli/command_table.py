@@ -121,6 +121,7 @@ COMMANDS = {
             *METHOD_FLAGS,
             "--force",
             "--transient",
+            "--linear",
             Option("--by", "number to rank by; by default the largest P_d", choices=RANKED_BY),
             shared_option("--out", help="ranked table; or .nc", metavar="FILE.csv"),
         ),
@@ -141,6 +142,7 @@ COMMANDS = {
         "jaxshroud power fig15a --out fig15a",
         (
             *SIMULATION,
+            "--linear",
             "--transient",
             "--forces",
             "--amplitudes",
@@ -178,6 +180,7 @@ COMMANDS = {
         "jaxshroud gradient fig10b --wrt shroud.gap,contact.gamma --check --out gradient.json",
         (
             *SIMULATION,
+            "--linear",
             shared_option("--transient", help="periods discarded first, where smoothed"),
             Option("--wrt", "numbers of the scene, e.g. shroud.gap; all: every one", metavar="K1,K2", required=True),
             Option("--relative", "print and draw the effect of 1 percent more of each number", action="store_true"),
@@ -198,6 +201,7 @@ COMMANDS = {
         "--range drive.F_0=20,40,60,80 --out tuned",
         (
             *SIMULATION,
+            "--linear",
             "--transient",
             shared_option("--over", help="number to tune and its bounds", default=None, required=True),
             "--range",
@@ -251,6 +255,7 @@ COMMANDS = {
         "jaxshroud scatter fig09_best --tolerance shroud.gap=10um --spread drive.F_0=20% --at-least 35 --out scatter",
         (
             *SIMULATION,
+            "--linear",
             "--transient",
             *SCATTER_FLAGS,
             "--of",
@@ -314,6 +319,7 @@ COMMANDS = {
         'jaxshroud response engine_order --along drive.speed --start "1200 rpm" --stop "1700 rpm" --out response',
         (
             *SIMULATION,
+            "--linear",
             shared_option("--transient", help="periods discarded first in the sweeps"),
             Option("--along", "number of the scene; by default the drive frequency", metavar="KEY"),
             Option("--start", "where its range begins; by default as the scene sweeps it", metavar="A"),

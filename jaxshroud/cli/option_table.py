@@ -179,6 +179,7 @@ SHARED_OPTIONS = {
         Option("--step-tolerance", "tolerance of the power series, with --tableau taylor", number, metavar="R"),
         Option("--locate", "how events are located", choices=get_args(Locate)),
         Option("--precision", "float64 by default", choices=get_args(Precision)),
+        Option("--linear", "contact that stays in this state: in closed form", choices=("apart", "stuck")),
         Option("--forces", "keep contact forces, slip, wear and impacts", action="store_true"),
         Option("--amplitudes", "keep amplitudes of x, y and theta: mean, RMS and peak", action="store_true"),
         # Design and scatter.

@@ -7,16 +7,19 @@ from collections.abc import Sequence
 from contextlib import contextmanager
 from typing import Unpack
 
+from jaxshroud.batch.linear_motion import is_linear
 from jaxshroud.cli.terminal import CommandError, input_errors_at
 from jaxshroud.io.lane_status import AccuracyWarning
 from jaxshroud.march.method import Choices, Method, RungeKutta, Taylor
 from jaxshroud.march.stability import step_report, stiffest
 from jaxshroud.scene.config import load
 from jaxshroud.scene.file import Axis, SceneFile
+from jaxshroud.scene.layout import KNOW_LINEAR
 from jaxshroud.scene.overrides import axis, size_in_si
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.arguments import check_verb
 from jaxshroud.verbs.asked import Choice, MarchPlan
+from jaxshroud.verbs.linear import in_state
 from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.plan import Trials, choose_method, plan_march
 
@@ -33,6 +36,9 @@ def load_scene(options: argparse.Namespace, overrides: Sequence[str] = ()) -> Sc
     run = {name: getattr(options, name, None) for name in ("periods", "steps_per_period", "transient")}
     of_run = [f"run.{name}={value}" for name, value in run.items() if value is not None]
     file = load(options.scene, [*options.set, *of_run, *overrides])
+    if options.verb in KNOW_LINEAR and getattr(options, "linear", None) is not None:
+        with input_errors_at(f"--linear {options.linear}"):
+            file = in_state(file, options.linear)
     check_verb(options.verb, file)
     return file
 
@@ -52,7 +58,9 @@ def resolve_march(
     with input_errors_at(f"{file.name}: [run]"):
         march = plan_march(_resolved_options(file, options, usual), scenes, usual, **trials)
     _print_choice(file, scenes, march.tried, options)
-    if march.tried is None and scenes.parts.contact != "none":
+    if is_linear(scenes):
+        print(f"{file.name}: contact that stays {scenes.parts.contact}, in closed form", file=sys.stderr)
+    elif march.tried is None and scenes.parts.contact != "none":
         _print_steps(file, scenes, march)
     return march
 

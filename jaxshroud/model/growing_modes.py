@@ -35,11 +35,12 @@ class _Oscillators(NamedTuple):
 
 
 def _oscillators(blades: LinearContact, contact: NaturalContact, growth: Growth) -> _Oscillators:
-    free = free_directions(blades.moves, contact)
+    free = free_directions(blades.moves, contact, bool(blades.turns_as_one))
     root = np.sqrt(free.T**2 @ blades.mass)
     reduced = lambda K: free.T @ K @ free / np.outer(root, root)
     grown = reduced(np.diag(growth.by_square))
-    own = reduced(np.diag(blades.stiffness) + contact_stiffness(blades, contact))
+    K = blades.own_stiffness + contact_stiffness(blades, contact)
+    own = reduced((K + K.T) / 2)
     return _Oscillators(own - growth.square * grown, grown, growth.square)
 
 
@@ -98,10 +99,11 @@ def static_normal_forces(blades: LinearContact, growth: Growth, by: Pressing, sq
 
     The faces are on each other and slide freely: where the normal force vanishes so does friction.
     """
-    free = free_directions(blades.moves, "sliding")
+    free = free_directions(blades.moves, "sliding", bool(blades.turns_as_one))
     wedge = (by.gap + square * by.gap_by_square) * by.sine
     v_q, k = blades.v_q, blades.k
-    stiffness = np.diag(blades.stiffness + (square - growth.square) * growth.by_square) + v_q.T @ (k[:, None] * v_q)
+    grown = np.diag((square - growth.square) * growth.by_square)
+    stiffness = blades.own_stiffness + grown + v_q.T @ (k[:, None] * v_q)
     loads = by.mean * blades.moves + v_q.T @ (k * wedge)
     q = free @ np.linalg.solve(free.T @ stiffness @ free, free.T @ loads)
     return k * (v_q @ q - wedge)

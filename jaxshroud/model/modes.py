@@ -38,4 +38,5 @@ class Status(IntEnum):
     NOT_RUN = 4  # interrupted before its end
     OUT_OF_TRIALS = 5  # more trial steps than the bound that a pure function was given
     BAD_INPUT = 6  # of a pure function: numbers out of their ranges, found while it ran
+    NOT_LINEAR = 8  # asked to stay in one state of contact, which the motion leaves
     UNBALANCED = 7  # with user laws: the energy residual of a drive period exceeds half of the energy involved

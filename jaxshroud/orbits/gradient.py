@@ -193,6 +193,11 @@ def _quantity(of: Power, scene: Scene, power):
     return jnp.sum(P) if of == "P" else power_reduction(jnp.sum(P), jnp.sum(free_power(scene)[counts]))
 
 
+def quantity_level(of: Power, scenes: Scene, power) -> Any:
+    """The quantity `of` of scenes (leading axis); "P_d_worst" is P_d of each blade."""
+    return _quantities(of, scenes, power)
+
+
 @kept("of")
 def _quantities(of: Power, scenes: Scene, power):
     return jax.vmap(lambda scene, power: _quantity(of, scene, power))(scenes, power)

@@ -103,7 +103,10 @@ def _multipliers_of(jacobian: np.ndarray) -> np.ndarray:
 
 def shifted_places(blades: int, size: int, shift: int) -> np.ndarray:
     """The places (size,) from which the numbers of a ring's state come when blade i takes over blade i - shift."""
-    return np.roll(np.arange(size).reshape(-1, blades), shift, axis=1).ravel()
+    places, motion = np.arange(size), 6 * blades
+    turned = np.roll(places[:motion].reshape(-1, blades), shift, axis=1)
+    sliders = np.roll(places[motion:].reshape(blades, -1), shift, axis=0)  # of each interface, point by point
+    return np.concatenate([turned.ravel(), sliders.ravel()])
 
 
 def wave_bifurcation(multipliers: np.ndarray, blades: int) -> tuple[str, float]:

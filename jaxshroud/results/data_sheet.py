@@ -54,6 +54,7 @@ class DataSheet(PlainResult):
     closed: bool = False  # the last blade touches the first
     static_gaps: tuple[float, ...] = ()  # under mean loads, at each interface, without contact [m]
     harmonics: tuple[int, ...] = (1,)  # the orders of the drive's harmonics, multiples of its frequency
+    flow_modes: "tuple[FlowMode, ...]" = ()  # of a row in a flow, apart
     over_speed: "SpeedLines | None" = None  # where stiffnesses or gaps depend on the speed
 
     def summary(self) -> dict[str, JSONValue]:
@@ -93,6 +94,16 @@ class NaturalMode:
         """The motion and the blades in words."""
         suffix = " blade" if self.blades in ("left", "right", "either") else ""
         return f"{MOTION_NAMES[self.motion]}, {self.blades}{suffix}"
+
+
+@dataclass(frozen=True)
+class FlowMode:
+    """A mode along x of the blades of a row in a flow, apart: a wave exp(lambda t)."""
+
+    nodal_diameter: int | None  # of a tuned ring, positive where the wave travels forward; None: of another row
+    frequency: float  # |lambda| / 2 pi [Hz]
+    zeta: float  # damping ratio, -Re lambda / |lambda|; the motion grows where it is negative
+    zeta_flow: float  # what the flow adds to it
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ class Gradient(Result):
     sigma = Variable("relative width of the neighbourhood; 0 on an orbit", "1", alone=True)
     flags = FlagsVariable(
         "what to know before relying on the derivative",
-        (*ORBIT_FLAGS, "structured", "lanes stopped", "no width", *ONE_SIDED),
+        (*ORBIT_FLAGS, "structured", "lanes stopped", "no width", *ONE_SIDED, "linear"),
         "flag",
     )
     number_of_kind = Variable(

@@ -8,8 +8,8 @@ import numpy as np
 
 from jaxshroud.cache.programs import is_traced
 from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.key import FROM_0, POSITIVE, Range
 from jaxshroud.scene.laws import Number
-from jaxshroud.scene.ranges import FROM_0, POSITIVE, Range
 from jaxshroud.scene.scene import scalar
 from jaxshroud.scene.typed import are_numbers, short_repr
 

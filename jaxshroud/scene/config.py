@@ -21,6 +21,7 @@ from jaxshroud.scene.layout import PAIR, Layout, layout_with
 from jaxshroud.scene.load_table import resolve_table
 from jaxshroud.scene.messages import fail, first_problem, problem_text, toml_text
 from jaxshroud.scene.overrides import axes, axis, check_is_no_speed, override
+from jaxshroud.scene.point_entries import with_place_entries
 from jaxshroud.scene.replacing import plain_numbers
 from jaxshroud.scene.schema import PHYSICS_TABLES, ROW_TYPE, TABLE_MODELS, numbers_type, scene_file_type
 from jaxshroud.scene.shipped import aliases, shipped, shipped_paths
@@ -194,6 +195,8 @@ def _document(text: str, name: str) -> dict[str, Any]:
 
 def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str], folder: Path | None = None) -> SceneFile:
     """The scene file of a TOML document, which is changed in place; tables of loads are looked for in a folder."""
+    if isinstance(document.get("initial"), str):
+        document["initial"] = {"start": document["initial"]}
     original = copy.deepcopy(document) if len(overrides) else {}
     overridden = {override(document, text) for text in sorted(overrides, key=_precedence)}
     row = _validated(ROW_TYPE, document, name, overridden).row
@@ -202,8 +205,9 @@ def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str], f
     harmonics = resolve_orders(document, name, overridden)
     given = resolve_derived_inputs(document, name, overridden, layout)
     file = _validated(scene_file_type(layout, harmonics), document, name, overridden)
-    physics = {table: getattr(file, table) for table in ("row", *PHYSICS_TABLES)}
+    physics = {table: getattr(file, table) for table in ("row", "aero", *PHYSICS_TABLES)}
     tables = {table: table_values(of_file) for table, of_file in physics.items() if of_file is not None}
+    tables["contact"] = with_place_entries(tables["contact"])
     numbers = {f"{table}.{entry}": value for table, part in tables.items() for entry, value in part.items()}
     speed_is_set = any(f"{table}.{entry}" in (*GROWTHS, *UNTWIST) for table, entry in overridden)
     check_speed(numbers, given, layout.blades, "--set" if speed_is_set else name)

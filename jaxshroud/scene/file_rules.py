@@ -2,9 +2,18 @@
 
 from typing import Any
 
+import numpy as np
 from pydantic_core import PydanticCustomError
 
-from jaxshroud.scene.layout import Layout, require_parts
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.layout import (
+    AERO_FORCES,
+    COUPLED_WITHOUT_CONTACT,
+    SPRUNG,
+    Layout,
+    require_capability,
+    require_parts,
+)
 from jaxshroud.scene.point_numbers import check_number_of_points, check_points
 from jaxshroud.scene.typed import are_numbers
 from jaxshroud.scene.units import to_si
@@ -28,6 +37,16 @@ def parts_are_of_its_layout(file: Any, layout: Layout) -> Any:
     return file
 
 
+def coupling_is_of_its_layout(file: Any, layout: Layout) -> Any:
+    """The file, whose blades a pair or a row couples so."""
+    if file.aero is not None:
+        require_capability(AERO_FORCES, layout)
+    coupled = any(table is not None and any(v is not None for _, v in table) for table in (file.coupling, file.aero))
+    if coupled and file.parts.contact == "none":
+        raise ValueError(COUPLED_WITHOUT_CONTACT)
+    return file
+
+
 def smooth_has_a_width(file: Any) -> Any:
     """The file, which gives a width for smooth contact and for no other."""
     smooth, width = file.parts.contact == "smooth", file.contact.width
@@ -40,6 +59,21 @@ def smooth_has_a_width(file: Any) -> Any:
     return file
 
 
+def static_start_has_no_motion(file: Any) -> Any:
+    """The file, which gives no initial motion beside a static start."""
+    if file.initial.start is None and file.initial.friction is None:
+        return file
+    for name in Motion._fields:
+        if np.any(getattr(file.initial, name)):
+            raise ValueError(f"[initial] {name} is of a start in motion; drop it, or start and friction")
+    if file.contact.reading or file.parts.contact not in (*SPRUNG, "none"):
+        other = "a printed `reading`" if file.contact.reading else f'contact = "{file.parts.contact}"'
+        raise ValueError(
+            f"[initial] a static start goes with located contact in the consistent reading, not with {other}"
+        )
+    return file
+
+
 def points_are_of_their_face(file: Any) -> Any:
     """The file, whose points of contact lie on the face and go with its contact."""
     contact, l_ab = file.contact, file.shroud.l_ab
@@ -47,7 +81,7 @@ def points_are_of_their_face(file: Any) -> Any:
         raise ValueError("[contact] shares are those of points; add points, e.g. points = 2")
     if contact.points is None:
         return file
-    if contact.reading or file.parts.contact != "spring":
+    if contact.reading or file.parts.contact not in SPRUNG:
         other = "a printed `reading`" if contact.reading else f'contact = "{file.parts.contact}"'
         raise ValueError(f"[contact] points go with located contact in the consistent reading, not with {other}")
     check_points(contact.points, contact.shares, l_ab)

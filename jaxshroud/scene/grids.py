@@ -151,6 +151,7 @@ def _what_it_has(scene: Scene) -> dict[str, str]:
         **parts,
         "layout": scene.layout.text,
         "reading": reading,
+        "start": f"start = {scene.start!r}",
         "points": "" if scene.contact.points is None else f"{scene.contact.points.number} contact points",
         **{key: key for key in (*fields_of(scene), *scene.given)},
     }

@@ -1,24 +1,26 @@
-"""The tables [[drive.harmonic]] of a file as entries of its table [drive], `harmonic[1].F`, and the orders in them."""
+"""The tables within tables of a file: [[drive.harmonic]] as entries of [drive], `harmonic[1].F`; and their orders."""
 
 import math
 from collections.abc import Collection, Mapping
 from typing import Any
 
+from jaxshroud.scene.coupling_tables import with_own_tables, with_tables_in_row
 from jaxshroud.scene.keys import SINGLE_LOADS
 from jaxshroud.scene.messages import fail, toml_text
 from jaxshroud.scene.optional import A_HARMONIC, harmonic_count, harmonic_forms, require_number, split_harmonics
+from jaxshroud.scene.point_entries import with_listed_places
 from jaxshroud.scene.speed import depends_on_speed, keys_in
 
 FileDocument = dict[str, Any]
 
 
 def flattened(document: FileDocument, where: str) -> FileDocument:
-    """The document of a file, changed in place, with its harmonics as entries of the table [drive].
+    """The document of a file, changed in place, with its harmonics as entries of [drive]; see `with_own_tables` too.
 
     Raises:
         SceneError: They are no tables, or there is none.
     """
-    drive = document.get("drive")
+    drive = with_own_tables(document, where).get("drive")
     if not isinstance(drive, dict) or "harmonic" not in drive:
         return document
     harmonics = drive.pop("harmonic")
@@ -30,12 +32,15 @@ def flattened(document: FileDocument, where: str) -> FileDocument:
 
 
 def nested(tables: Mapping[str, Any]) -> dict[str, Any]:
-    """The tables of a file with its harmonics as tables [[drive.harmonic]]."""
-    drive = tables.get("drive")
+    """The tables of a file as they stand there: harmonics as tables, places of points as a list, tables of [row]."""
+    tables = dict(with_tables_in_row(tables))
+    drive, contact = tables.get("drive"), tables.get("contact")
+    if isinstance(contact, Mapping):
+        tables["contact"] = with_listed_places(contact)
     if not isinstance(drive, Mapping):
-        return dict(tables)
+        return tables
     plain, harmonics = split_harmonics(drive)
-    return {**tables, "drive": {**plain, "harmonic": harmonics}} if harmonics else dict(tables)
+    return {**tables, "drive": {**plain, "harmonic": harmonics}} if harmonics else tables
 
 
 def resolve_orders(document: FileDocument, name: str, overridden: Collection[tuple[str, str]] = ()) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from jaxtyping import ArrayLike
 
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.laws import FrictionLaw, Laws, NormalLaw, SceneLaw, with_checked_shapes
-from jaxshroud.scene.layout import Parts
+from jaxshroud.scene.layout import SPRUNG, Parts
 from jaxshroud.scene.scene import Contact, Scene
 from jaxshroud.scene.typed import typed
 
@@ -14,7 +14,7 @@ from jaxshroud.scene.typed import typed
 def with_parts(scene: Scene, parts: Parts, width: ArrayLike | None = None) -> Scene:
     """The `scene` with other model parts; smooth contact requires a `width` [m]."""
     c = scene.contact
-    points = c.points if parts.contact == "spring" else None
+    points = c.points if parts.contact in SPRUNG else None
     contact = Contact(c.k, c.gamma, c.reading, width, points)  # pyright: ignore[reportArgumentType]
     return _with_contact(scene, contact, parts)
 
@@ -81,4 +81,5 @@ def _require_corner(scene: Scene) -> None:
 
 def _with_contact(scene: Scene, contact: Contact, parts: Parts, laws: SceneLaw | None = None) -> Scene:
     s = scene
-    return Scene(s.blades, s.shroud, contact, s.friction, s.drive, s.initial, parts, laws, s.given, s.row)
+    of_row = s.given, s.row, s.coupling, s.aero, s.start
+    return Scene(s.blades, s.shroud, contact, s.friction, s.drive, s.initial, parts, laws, *of_row)

@@ -10,6 +10,7 @@ import numpy as np
 from jaxshroud.cache.programs import is_traced
 from jaxshroud.scene.blades import BladeMatrices, Blades
 from jaxshroud.scene.checks import InputError, type_argument, word_argument
+from jaxshroud.scene.coupling import Aero, Coupling
 from jaxshroud.scene.drive import ComplexHarmonic, Drive, Harmonic
 from jaxshroud.scene.fields import PerBlade, per_blade, scalar
 from jaxshroud.scene.keys import (
@@ -25,9 +26,13 @@ from jaxshroud.scene.keys import (
 )
 from jaxshroud.scene.laws import Number, SceneLaw
 from jaxshroud.scene.layout import (
+    AERO_FORCES,
+    COUPLED_WITHOUT_CONTACT,
     OWN_LAWS,
+    SPRUNG,
     Layout,
     Parts,
+    Start,
     layout_with,
     misprints,
     require_capability,
@@ -35,6 +40,7 @@ from jaxshroud.scene.layout import (
     row_layout,
 )
 from jaxshroud.scene.optional import split_harmonics
+from jaxshroud.scene.point_entries import with_listed_places
 from jaxshroud.scene.points import ContactPoints
 from jaxshroud.scene.speed import ORDER, check_speed, untwisted_gap
 from jaxshroud.scene.typed import short_repr
@@ -142,6 +148,7 @@ class Row(eqx.Module):
         return self.layout.interfaces
 
 
+START_ENTRIES = ("start", "friction")  # of the table `initial`, beside its numbers
 TABLE_CLASSES = {"blades": Blades, "shroud": Shroud, "contact": Contact, "friction": Friction, "drive": Drive}
 
 
@@ -162,9 +169,15 @@ class Scene(eqx.Module):
     laws: SceneLaw | None = None  # user laws of contact and friction, or a law of contact of one's own
     given: dict[str, Any] = eqx.field(converter=_given, default_factory=dict)  # inputs by their keys
     row: Row | None = None  # None: the pair
+    coupling: Coupling = Coupling()  # between neighbours
+    aero: Aero = Aero()  # of the flow, in rows alone
+    # "motion": at `initial`, apart; "static": in the equilibrium of mean loads and contact without friction, with the
+    # sliders where the faces then are
+    start: Start = eqx.field(static=True, default="motion")
 
     def __check_init__(self):
-        for name, kind in {**TABLE_CLASSES, "initial": Motion, "parts": Parts}.items():
+        kinds = {**TABLE_CLASSES, "initial": Motion, "parts": Parts, "coupling": Coupling, "aero": Aero}
+        for name, kind in kinds.items():
             type_argument(name, getattr(self, name), kind, f"that of another scene, scene.{name}")
         if (self.parts.contact == "own") != (self.laws is not None):
             raise InputError("Own laws of contact are given in Python, by js.with_laws; no file can name them.")
@@ -174,7 +187,7 @@ class Scene(eqx.Module):
             raise InputError("Smooth contact has no misprints: its `reading` must be consistent.")
         if self.parts.contact == "own" and self.contact.reading:
             raise InputError("Own laws have no misprints: the scene's `reading` must be consistent.")
-        if self.contact.points is not None and (self.contact.reading or self.parts.contact != "spring"):
+        if self.contact.points is not None and (self.contact.reading or self.parts.contact not in SPRUNG):
             other = "misprints (`reading`)" if self.contact.reading else f'contact = "{self.parts.contact}"'
             raise InputError(f"Contact points go with located contact in the consistent reading, not with {other}.")
         if self.contact.points is not None:
@@ -182,6 +195,13 @@ class Scene(eqx.Module):
         if self.row is not None:
             type_argument("row", self.row, Row, "Row(12, closed=True)")
         require_parts(self.parts, self.contact.reading, self.layout)
+        if self.aero.exists:
+            require_capability(AERO_FORCES, self.layout)
+        if self.is_coupled and self.parts.contact == "none":
+            raise InputError(COUPLED_WITHOUT_CONTACT)
+        word_argument("start", self.start, Start)
+        if self.start != "motion":
+            self._require_equilibrium()
         if self.laws is not None and not self.laws.marches_in_rows:
             require_capability(OWN_LAWS, self.layout)
         check_numbers("initial", self.initial)
@@ -190,6 +210,20 @@ class Scene(eqx.Module):
         for key, value in self.given.items():
             if value is not None:
                 check_number(key_in(ALL_KEYS[key], self.layout), value, self.layout)
+
+    def _require_equilibrium(self) -> None:
+        """Raise an InputError unless static equilibria of such a scene are known."""
+        what = ""
+        if self.start == "from rest":
+            raise InputError('A static start with friction "from rest" is not known yet; drop initial.friction.')
+        if self.contact.reading:
+            what = "misprints (`reading`), whose contact has no energy"
+        elif self.parts.contact not in (*SPRUNG, "none"):
+            what = f'contact = "{self.parts.contact}"'
+        elif self.blades.matrices() is not None:
+            what = "blades by matrices"
+        if what:
+            raise InputError(f"A static start is one of located contact of lumped blades so far, not with {what}.")
 
     def _check_shapes(self) -> None:
         for table, keys in KEYS_BY_TABLE.items():
@@ -277,6 +311,11 @@ class Scene(eqx.Module):
         return layout_with(self.row)
 
     @property
+    def is_coupled(self) -> bool:
+        """Whether blades act on each other without contact too."""
+        return self.coupling.exists or self.aero.exists
+
+    @property
     def points(self) -> int:
         """The number of points of contact of a face; 0 where a corner touches."""
         return 0 if self.contact.points is None else self.contact.points.number
@@ -307,11 +346,27 @@ def scene_of(tables: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]) 
         _contact_of(tables),
         Friction(**tables["friction"]),
         _drive_of(tables["drive"]),
-        Motion(**tables["initial"]),
+        Motion(**{name: value for name, value in tables["initial"].items() if name not in START_ENTRIES}),
         Parts(**{**parts, "motion": tuple(parts["motion"])}),
         given=given,  # pyright: ignore[reportArgumentType]
         row=row,
+        coupling=Coupling(**tables.get("coupling", {})),
+        aero=Aero(**tables.get("aero", {})),
+        start=_start_of(tables["initial"]),
     )
+
+
+def _start_of(entries: Mapping[str, Any]) -> Start:
+    """Where a march begins, from the entries of the table `initial`."""
+    if entries.get("friction") is not None:
+        return "from rest"
+    return "motion" if entries.get("start") is None else "static"
+
+
+def start_entries(start: Start) -> dict[str, str]:
+    """The entries of the table `initial` that say where a march begins."""
+    friction = {"friction": "from rest"} if start == "from rest" else {}
+    return {} if start == "motion" else {"start": "static", **friction}
 
 
 def _drive_of(entries: Mapping[str, Any]) -> Drive:
@@ -323,6 +378,7 @@ def _drive_of(entries: Mapping[str, Any]) -> Drive:
 
 def _contact_of(tables: Mapping[str, Mapping[str, Any]]) -> Contact:
     entries = {"k": None, "gamma": None, **tables["contact"]}
+    entries = with_listed_places(entries)
     points, shares = entries.pop("points", None), entries.pop("shares", None)
     return Contact(**entries, points=None if points is None else ContactPoints(points, shares))
 

@@ -26,14 +26,18 @@ from pydantic import (
 
 from jaxshroud.scene.checks import DEFAULT_TRANSIENT, MAX_AUTO_STEPS, MAX_COUNT, did_you_mean
 from jaxshroud.scene.file_rules import (
+    coupling_is_of_its_layout,
     one_stiffness,
     parts_are_of_its_layout,
     points_are_of_their_face,
     points_in_file,
     shares_in_file,
     smooth_has_a_width,
+    static_start_has_no_motion,
 )
+from jaxshroud.scene.key import FROM_0, Range
 from jaxshroud.scene.keys import (
+    AERO_KEYS,
     ALL_KEYS,
     COMPLEX_KEYS,
     HARMONIC_KEYS,
@@ -42,6 +46,7 @@ from jaxshroud.scene.keys import (
     MIN_BLADES,
     ROW_KEYS,
     SINGLE_LOADS,
+    TABLES_IN_ROW,
     Key,
     keys_of_table,
     list_words,
@@ -59,7 +64,6 @@ from jaxshroud.scene.layout import (
     misprints,
     row_layout,
 )
-from jaxshroud.scene.ranges import FROM_0, Range
 from jaxshroud.scene.units import to_si
 
 
@@ -283,6 +287,11 @@ _POINTS_KEY = key("points of contact of a face: how many, or where", 2)
 _SHARES_KEY = key("share of the stiffnesses of each point", [0.5, 0.5])
 POINTS = (Annotated[Annotated[Any, BeforeValidator(points_in_file)] | None, _POINTS_KEY], None)
 POINT_SHARES = (Annotated[Annotated[Any, BeforeValidator(shares_in_file)] | None, _SHARES_KEY], None)
+START = (Annotated[Literal["static"] | None, key("start in the static equilibrium instead", "static")], None)
+START_FRICTION = (
+    Annotated[Literal["from rest"] | None, key("with friction as loads from rest leave it", "from rest")],
+    None,
+)
 TITLE = Annotated[str, key("what the scene shows, in one line", "Fig. 9", pattern=r"^[\P{Cc}\t]*$")]
 
 
@@ -293,17 +302,19 @@ def table_models(layout: Layout, harmonics: tuple[str, ...]) -> dict[str, type[T
         **{table: _number_table(table, layout) for table in ("blades", "shroud")},
         "contact": _number_table("contact", layout, reading=READING, points=POINTS, shares=POINT_SHARES),
         "friction": _number_table("friction", layout),
+        "coupling": _number_table("coupling", layout),
         "drive": _drive_table(layout, harmonics),
-        "initial": _number_table("initial", layout),
+        "initial": _number_table("initial", layout, start=START, friction=START_FRICTION),
         "parts": PartsTable,
         "run": RunTable,
         "sweep": SweepTable,
         "row": RowTable,
+        "aero": create_model("AeroTable", __base__=Table, **_fields(AERO_KEYS, layout)),
     }
 
 
 TABLE_MODELS = table_models(PAIR, ())
-PHYSICS_TABLES = tuple(TABLE_MODELS)[:7]
+PHYSICS_TABLES = tuple(TABLE_MODELS)[:8]
 ROW_TYPE: TypeAdapter[Any] = TypeAdapter(create_model("FileWithRow", row=(RowTable | None, None)))  # of any file
 
 
@@ -327,12 +338,15 @@ def scene_file_type(layout: Layout, harmonics: tuple[str, ...]) -> Any:
         "parts": (PartsTable, PartsTable()),
         "sweep": (SweepTable | None, None),
         "row": (RowTable | None, None),
+        **{table: (models[table] | None, None) for table in TABLES_IN_ROW},
     }
     file: Any = create_model("File", __base__=Table, **fields)
     checked: Any = Annotated[
         file,
         AfterValidator(smooth_has_a_width),
         AfterValidator(points_are_of_their_face),
+        AfterValidator(static_start_has_no_motion),
         AfterValidator(partial(parts_are_of_its_layout, layout=layout)),
+        AfterValidator(partial(coupling_is_of_its_layout, layout=layout)),
     ]
     return TypeAdapter(checked)

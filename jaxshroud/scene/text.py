@@ -15,7 +15,7 @@ from jaxshroud.scene.keys import Key
 from jaxshroud.scene.layout import reading_text
 from jaxshroud.scene.overrides import literal
 from jaxshroud.scene.replacing import plain_numbers
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, start_entries
 from jaxshroud.scene.typed import are_numbers
 from jaxshroud.scene.units import factor_of, to_si
 from jaxshroud.scene.vary import given_of, numbers_of
@@ -31,6 +31,7 @@ def tables_of(scene: Scene) -> dict[str, dict[str, Any]]:
     """One scene as it is given, in plain numbers by table and key, with one number for equal blades."""
     tables = in_tables(plain_numbers(numbers_of(scene)), plain_numbers(given_of(scene)), scene.layout)
     tables["contact"]["reading"] = reading_text(scene.contact.reading)
+    tables["initial"] |= start_entries(scene.start)
     tables["drive"] |= {f"harmonic[{i}].order": one.order for i, one in enumerate(scene.drive.harmonic or ())}
     if scene.contact.points is not None:
         tables["contact"] |= scene.contact.points.as_given()

@@ -12,7 +12,7 @@ from jaxshroud.model.prepared import State
 from jaxshroud.scene.checks import InputError, count_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import ALL_KEYS, number_shape
-from jaxshroud.scene.layout import NO_CONTACT, require_capability, require_points
+from jaxshroud.scene.layout import NO_CONTACT, require_capability, require_points, require_steps
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import numbers_of
 from jaxshroud.scene.typed import Tree
@@ -22,9 +22,11 @@ def check_verb(verb: str, scene: Scene | SceneFile) -> None:
     """Raise an InputError if the scene has a row of blades, or a pair, which a verb does not know."""
     where = f"{scene.name}: " if isinstance(scene, SceneFile) else ""
     require_capability(f"`{verb}`", scene.layout, where)
-    points = scene.tables["contact"].get("points") if isinstance(scene, SceneFile) else scene.contact.points
+    points = {"points", "shares"} & {*scene.tables["contact"]} if isinstance(scene, SceneFile) else scene.contact.points
     if verb:  # what has no name was asked for by another verb
         require_points(verb, points, where)
+        parts = scene.tables["parts"]["contact"] if isinstance(scene, SceneFile) else scene.parts.contact
+        require_steps(parts, verb, where)
 
 
 def check_row(scene: Scene, **asked: bool) -> None:

@@ -78,9 +78,10 @@ def _pressed(
         return []
     s, mean = arrays.shroud, arrays.drive.harmonics().get(0)
     loads = np.zeros(len(blades.mass)) if mean is None else np.concatenate([mean.F_x, mean.F_y, mean.M_0])
-    gap, count = np.atleast_1d(s.gap).astype(float), len(blades.k)
-    slope = np.zeros(count) if s.gap_at is None else (np.atleast_1d(s.gap_at) - gap) / float(s.gap_at_speed) ** 2
-    by = Pressing(loads, gap, slope, float(np.sin(s.alpha)))
+    gap = np.atleast_1d(s.gap).astype(float)
+    slope = 0 * gap if s.gap_at is None else (np.atleast_1d(s.gap_at) - gap) / float(s.gap_at_speed) ** 2
+    at_points = len(blades.k) // len(gap)  # of each interface
+    by = Pressing(loads, np.repeat(gap, at_points), np.repeat(slope, at_points), float(np.sin(s.alpha)))
     return pressed_ranges(blades, growth, by, *ends)
 
 

@@ -17,7 +17,7 @@ from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import Amplitudes, free_reach, steady_amplitudes
 from jaxshroud.model.natural_modes import LinearContact, drive_loads, linear_contact
 from jaxshroud.orbits.linear_response import touching_gradients
-from jaxshroud.results.data_sheet import Coordinate, DataSheet, NaturalMode, crossings_between
+from jaxshroud.results.data_sheet import Coordinate, DataSheet, FlowMode, NaturalMode, crossings_between
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.engine_order import engine_order_of
 from jaxshroud.scene.file import SceneFile
@@ -28,6 +28,7 @@ from jaxshroud.verbs.arguments import check_row, one_scene
 from jaxshroud.verbs.campbell_lines import lines_of_speeds
 from jaxshroud.verbs.doubts import LEAST_DRIVEN, advice_on, doubts_of
 from jaxshroud.verbs.natural_frequencies import RAD_PER_CYCLE, modes_of
+from jaxshroud.verbs.nodal_diameters import flow_modes
 
 USUAL_ORDERS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)  # that are shown beside the scene's own
 MAX_ORDERS = 100
@@ -60,7 +61,8 @@ def check(
         blades apart beyond. Of a row of blades there is
         a number for each blade and each interface; `gap` is the smallest, and what is told of the free faces is of the
         interface where they approach most. Its natural modes are those with all interfaces in one state of contact, of
-        a ring by nodal diameters; in a tuned ring an engine order EO excites nodal diameter EO modulo N alone.
+        a ring by nodal diameters; in a tuned ring an engine order EO excites nodal diameter EO modulo N alone. Of a row
+        in a flow, `flow_modes` are the damping ratios of free decays along x without contact.
 
     Raises:
         ValueError: There are many scenes, a row without contact, or the engine orders or the range of speeds are none.
@@ -100,6 +102,7 @@ def check(
         modes=modes,
         pressed=_floats(_displaced_by_interference(system, gaps, float(s.alpha))),
         **({} if scene.row is None else _at_interfaces(arrays, k, across / math.sin(s.alpha), along)),
+        **({"flow_modes": _modes_in_flow(arrays, system)} if scene.aero.exists else {}),
         **_over_speed(scene, arrays, system, modes, engine_orders, (start, stop)),
     )
     return replace(sheet, doubts=tuple(doubts_of(sheet, scene)), advice=tuple(advice_on(sheet, scene)))
@@ -114,6 +117,17 @@ def _at_interfaces(arrays: Scene, k: np.ndarray, approach: np.ndarray, slide: np
         "gammas": _floats(k / arrays.blades.k_x[: len(k)]),
         "closed": arrays.row.closed,
     }
+
+
+def _modes_in_flow(arrays: Scene, system: LinearContact) -> tuple[FlowMode, ...]:
+    """The modes of a row in a flow."""
+    assert arrays.row is not None  # which scenes with forces of the flow have
+    row, aero = jax.tree.map(lambda a: a if a.dtype == bool else a.astype(float), system), arrays.aero
+    count, omega = arrays.row.blades, float(arrays.drive.omega)
+    after = np.eye(count, k=1) + (np.eye(count, k=1 - count) if arrays.row.closed else 0)
+    parts = ((aero.L0_im, np.eye(count)), (aero.L1_im, after), (aero.L_1_im, after.T))
+    flow = sum((float(L) / omega * to for L, to in parts if L is not None), np.zeros((count, count)))
+    return flow_modes(row, flow, arrays.row.closed)
 
 
 def _over_speed(
@@ -198,10 +212,11 @@ def _displaced_by_interference(system: LinearContact, gaps: np.ndarray, alpha: f
     The faces slide freely, and the blocks do not turn.
     """
     bends = system.moves & (np.arange(len(system.moves)) < 2 * len(system.moves) // 3)
-    depth = np.maximum(-gaps, 0.0) * math.sin(alpha)
+    of_each = len(system.k) // len(gaps)  # one, or as many as a face has points
+    depth = np.repeat(np.maximum(-gaps, 0.0), of_each) * math.sin(alpha)
     v_q, k = system.v_q[:, bends], np.where(depth > 0, system.k, 0.0)
     displacement = np.zeros(len(system.moves))
-    stiffness = np.diag(system.stiffness[bends]) + v_q.T @ (k[:, None] * v_q)
+    stiffness = system.own_stiffness[np.ix_(bends, bends)] + v_q.T @ (k[:, None] * v_q)
     displacement[bends] = np.linalg.solve(stiffness, -v_q.T @ (k * depth))
     x, y, _ = displacement.reshape(3, -1)
     return np.hypot(x, y)

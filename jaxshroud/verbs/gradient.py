@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 
 from jaxshroud.batch.limits import check_size
+from jaxshroud.batch.linear_motion import LinearState, is_linear
 from jaxshroud.batch.plan import Plan, Progress
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.march.method import FAST, FOR_P_D
@@ -18,6 +19,7 @@ from jaxshroud.orbits.gradient import (
     gradient_of,
     orbit_gradient,
 )
+from jaxshroud.orbits.linear_gradient import linear_gradient
 from jaxshroud.orbits.orbit import PeriodicOrbit
 from jaxshroud.orbits.shooting import CLOSING_TOLERANCE, ShootingOptions
 from jaxshroud.results.gradient import Gradient
@@ -34,6 +36,7 @@ from jaxshroud.signals.amplitudes import check_resonance, check_vibration
 from jaxshroud.verbs.arguments import check_row
 from jaxshroud.verbs.asked import MethodArgument
 from jaxshroud.verbs.lanes import RequestedLanes, results_of_all, warn_failed, with_tangents
+from jaxshroud.verbs.linear import in_state
 from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.orbit import cycles_of
 
@@ -45,6 +48,7 @@ def gradient(
     *,
     of: Quantity | None = None,
     orbit: Orbit | None = None,
+    linear: LinearState | None = None,
     sigma: float = 0.01,
     pairs: int = 128,
     seed: int = 0,
@@ -73,6 +77,7 @@ def gradient(
             y and theta. They are those of the left blade; of a row P_d and P are those of all blades together,
             "P_d_worst" is that of the blade that gains the least, and amplitudes are the largest.
         orbit: The orbit or orbits, if they are known already; their method is then the default.
+        linear: "apart" or "stuck": in closed form, of contact that stays in this state; see `power`.
         sigma: Standard deviation of the distribution, relative to the value of each parameter.
         pairs: Antithetic pairs of samples; all samples start from the scene's initial state.
         seed: Seed of the samples.
@@ -118,7 +123,7 @@ def gradient(
     if orbit is not None and method is None:
         method = orbit.method
     resolved = resolve_options(
-        scene,
+        in_state(scene, linear),
         n_periods=n_periods,
         transient=transient,
         method=method,
@@ -139,6 +144,8 @@ def gradient(
     lanes = RequestedLanes(resolved, with_tangents(resolved, resolved.lanes, FOR_P_D if is_reduction(of) else FAST))
     throw, march = throw or not lanes.shape, lanes.march
     shooting = ShootingOptions(march.steps, CLOSING_TOLERANCE[march.method.precision], march.method)
+    if is_linear(resolved.scene):
+        return _linear_gradients(numbered, wrt, of, lanes, numbers, throw)
     plan = Plan(lanes.resolved.transient, lanes.resolved.n_periods, march.steps, 0.0, march.method)
     smoothing = Smoothing(sigma, pairs, plan, seed)
     try:
@@ -155,6 +162,21 @@ def gradient(
     except Interrupted:
         raise Interrupted(None) from None
     orbits = Orbit.of_cycles(cycles, lanes.shape, **lanes.labels) if orbit is None else orbit
+    return warn_failed(Gradient.of_slopes(slopes, wrt, of, orbits, numbers, **lanes.labels), throw)
+
+
+def _linear_gradients(
+    scenes: list[Scene],
+    wrt: Sequence[str],
+    of: Quantity,
+    lanes: RequestedLanes,
+    numbers: list[list[float]],
+    throw: bool,
+) -> Gradient:
+    """The gradients of scenes whose contact stays in a state, in closed form."""
+    march = lanes.march
+    slopes = [linear_gradient(one, wrt, of, march.steps, march.method) for one in scenes]
+    orbits = Orbit.of_cycles([slope.orbit for slope in slopes], lanes.shape, **lanes.labels)
     return warn_failed(Gradient.of_slopes(slopes, wrt, of, orbits, numbers, **lanes.labels), throw)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.flows import as_differentiable
+from jaxshroud.batch.linear_motion import is_linear, linear_flow, motions_with_tangents
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.states import initial_states, to_vector
 from jaxshroud.batch.tangents import direction, end_as_start, run_flow, without_direction
@@ -134,6 +135,12 @@ def exact_slopes(problem: Problem, u: np.ndarray, tick: Tick) -> tuple[np.ndarra
     rate = (np.repeat(rates, rows, axis=0) * np.tile(problem.stretch, (len(u), 1))).ravel()
     directions = jax.tree.map(lambda *a: np.stack(a, axis=1).reshape(-1, *a[0].shape[1:]), *key_directions)
     directions = jax.tree.map(lambda a: (a * rate.reshape(-1, *[1] * (a.ndim - 1))).astype(a.dtype), directions)
+    if is_linear(scenes):
+        ends = motions_with_tangents(scenes, directions, len(keys))
+        tick(n_lanes * (plan.transient + plan.kept))
+        own = per_key(scenes)
+        slope = _reduction_slopes(problem, Dual(own, directions), Dual(*(linear_flow(end, own) for end in ends)))
+        return slope.reshape(len(u), rows, len(keys)), np.zeros((len(u), rows, len(keys)))
     scene, state = Dual(per_key(scenes), directions), without_direction(per_key(start_states(problem, scenes)))
     method = as_differentiable(plan.method)._replace(vibration=problem.of == "P_d_vibration")
     steps = plan.steps_per_period

@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
 from jaxshroud.model.natural_modes import (
@@ -55,7 +56,7 @@ def modes_of(
 
 def system_in_float64(system: LinearContact) -> LinearContact:
     """A linear system with its numbers in float64."""
-    return LinearContact(*(a if a.dtype == bool else a.astype(float) for a in system))
+    return jax.tree.map(lambda a: a if a.dtype == bool else a.astype(float), system)
 
 
 def words_for(scene: Scene) -> ModeWords:
@@ -65,11 +66,12 @@ def words_for(scene: Scene) -> ModeWords:
 
 def contacts_of(scene: Scene, k: np.ndarray) -> list[NaturalContact]:
     """The states of contact that the model of a scene has."""
-    if scene.parts.contact == "none" or not np.any(k) or scene.contact.points is not None:
-        return ["apart"]  # those of faces of points are not told yet
+    if scene.parts.contact == "none" or not np.any(k):
+        return ["apart"]
     if not _has_friction(scene):
         return ["apart", "sliding"]
-    return ["apart", "sliding", "stuck", *(["corner"] if "theta" in scene.parts.motion else [])]
+    at_corner = "theta" in scene.parts.motion and scene.contact.points is None
+    return ["apart", "sliding", "stuck", *(["corner"] if at_corner else [])]
 
 
 def _has_friction(scene: Scene) -> bool:

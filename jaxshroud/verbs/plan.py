@@ -16,6 +16,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from jaxshroud.batch.linear_motion import is_linear
 from jaxshroud.batch.marches import march_of, require_march
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.io.lane_status import AccuracyWarning
@@ -264,6 +265,8 @@ def choose_method(
         InputError: An accuracy is requested for smooth contact or for own laws, or power series for a row.
     """
     asked, law = resolved.asked, law_type(lanes)
+    if is_linear(lanes):
+        return usual, None
     _refuse_accuracy(asked, law)
     if asked.plan is not None:
         method, choice = asked.plan.method, asked.plan.choice

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxshroud.batch.limits import check_size
+from jaxshroud.batch.linear_motion import LinearState, is_linear
 from jaxshroud.batch.periods import PERIODS_PER_CALL, Sample
 from jaxshroud.batch.plan import Plan, Progress, Runs, Ticker
 from jaxshroud.batch.runs import run_lanes
@@ -41,6 +42,7 @@ from jaxshroud.signals.equivalent import equivalent_values
 from jaxshroud.signals.period import NOT_SETTLED, PERIOD_TOLERANCE, Repetition
 from jaxshroud.verbs.arguments import check_row, in_shape
 from jaxshroud.verbs.asked import MarchPlan, MethodArgument
+from jaxshroud.verbs.linear import in_state
 from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.plan import missed_lanes, plan_march, warn_missed
 
@@ -159,6 +161,7 @@ def power(
     stable_within: float = 0.1,
     forces: bool = False,
     amplitudes: bool = False,
+    linear: LinearState | None = None,
     period_tol: float = PERIOD_TOLERANCE,
     n_periods: int | None = None,
     transient: int | None = None,
@@ -179,6 +182,8 @@ def power(
             first interval that is short enough would select those that are too short.)
         forces: Keep contact forces, slip, normal load and impacts too, see `sweep`.
         amplitudes: Keep amplitudes too, see `sweep`.
+        linear: "apart" or "stuck": the settled motion in closed form, of contact that stays in this state; a lane whose
+            contact leaves it stops. By default it is marched.
         period_tol: Tolerance of the period number, see `periodicity`.
         n_periods: Drive periods kept at most, even if P_d is not stable yet; by default 64.
         transient: Drive periods run and discarded first; by default 64.
@@ -210,7 +215,7 @@ def power(
         True
     """
     resolved = resolve_options(
-        scene,
+        in_state(scene, linear),
         n_periods=n_periods,
         transient=transient,
         method=method,
@@ -230,7 +235,7 @@ def power(
     summaries, ends, chatter = _run_longer(
         resolved, scenes, resolved.states(state, scenes), march, stable_within, period_tol, progress
     )
-    if scenes.row is None:
+    if scenes.row is None and not is_linear(scenes):
         summaries = _with_equivalents(scenes, ends, summaries, march)
     result = _power_result(resolved, summaries, march, chatter)
     warn_failures(result.status, chatter, throw=throw)

@@ -10,8 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike
 
+from jaxshroud.batch.linear_motion import LinearState, is_linear
+from jaxshroud.batch.linear_runs import linear_amplitude_values
 from jaxshroud.batch.plan import Progress
 from jaxshroud.march.method_names import RESPONSES
+from jaxshroud.orbits.linear_peaks import linear_peaks
 from jaxshroud.orbits.peaks import branch_peaks
 from jaxshroud.results.branch import Branch
 from jaxshroud.results.response import Member, Response
@@ -29,6 +32,7 @@ from jaxshroud.signals.amplitudes import free_amplitudes
 from jaxshroud.verbs.arguments import check_row, one_scene
 from jaxshroud.verbs.asked import MethodArgument
 from jaxshroud.verbs.branch import BranchStart, continued, range_of
+from jaxshroud.verbs.linear import in_state
 from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.sweep import sweep
 
@@ -140,6 +144,7 @@ def response(
     of: str = "x_peak",
     over: Mapping[str, ArrayLike | Sequence[float]] | None = None,
     at: float | None = None,
+    linear: LinearState | None = None,
     most_points: int | None = None,
     doublings: int | None = None,
     n_periods: int | None = None,
@@ -165,6 +170,8 @@ def response(
         over: A second number with its values: a family of responses.
         at: The value at which the branch begins; by default where the sweep from rest has settled on an
             orbit, as near to the scene's own value as there is one; of a ring one on which all blades swing alike.
+        linear: "apart" or "stuck": in closed form, of contact that stays in this state; see `power`. There is
+            no branch then, and peaks are placed between the ends of the range.
         most_points: Largest number of points of a branch in one direction; by default the branch goes on until its
             range ends, to four thousand points at most.
         doublings: How many times in succession orbits of twice the period are followed from flips, and broken waves
@@ -200,6 +207,7 @@ def response(
     count_argument("doublings", doublings or 0, 0)
     count_argument("most_points", MOST_POINTS if most_points is None else most_points, 2)
     word_argument("of", of, RESPONSES)
+    scene = in_state(scene, linear)
     low, high = range_of(scene, along, start, stop)
     family = {} if over is None else {key: np.atleast_1d(np.asarray(values, float)) for key, values in over.items()}
     if len(family) > 1 or along in family:
@@ -234,6 +242,8 @@ def _member(
     low, high = float(values[0]), float(values[-1])
     swept = sweep(scene, {along: values}, direction="both", amplitudes=True, progress=progress, **run)
     free = free_peak(scene, along, low, high, of)[:2]
+    if is_linear(scene):
+        return _linear_member(scene, along, values, of, swept, free)
     own, reason = value_of(with_numbers(scene, [along]), along), "no lane from rest settles on a periodic orbit"
     for place in _places(swept, values, own, scene.layout) if at is None else [at]:
         try:
@@ -246,6 +256,20 @@ def _member(
         branch = Branch.of_branches(found.branches, along, (low, high), found.attributes)
         return Member(swept, branch, branch_peaks(found.problem, found.branches, of), free, "")
     return Member(swept, None, [], free, reason)
+
+
+def _linear_member(
+    scene: Scene, along: str, values: np.ndarray, of: str, swept: SweepResult, free: tuple[float, float]
+) -> Member:
+    """The response of a scene whose contact stays in one state."""
+    numbered = with_numbers(scene, [along])
+
+    def amplitudes(at: np.ndarray) -> np.ndarray:
+        return linear_amplitude_values(scenes_at(numbered, [along], at[:, None]), of)
+
+    own = swept.data.sel(direction="independent")[of].to_numpy()
+    peaks = linear_peaks(amplitudes, values, own, scene.layout)
+    return Member(swept, None, peaks, free, f"a closed form of contact that stays {scene.parts.contact} has no branch")
 
 
 def _places(swept: SweepResult, values: np.ndarray, own: float, layout: Layout) -> list[float]:

@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 
 from jaxshroud.batch.limits import check_size
+from jaxshroud.batch.linear_motion import LinearState
 from jaxshroud.batch.plan import Progress
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.model.modes import Status
@@ -30,6 +31,7 @@ from jaxshroud.signals.statistics import SobolIndices, saltelli_rows, variance_i
 from jaxshroud.verbs.arguments import check_row, one_scene
 from jaxshroud.verbs.asked import MethodArgument
 from jaxshroud.verbs.design_problem import check_bounds, check_condition, check_objective
+from jaxshroud.verbs.linear import in_state
 from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.plan import plan_march
 from jaxshroud.verbs.scattering import Spread, probability_values, scatter_bounds
@@ -45,6 +47,7 @@ def scatter(
     *,
     conditions: Mapping[str, Sequence[float]] | None = None,
     of: Quantity | None = None,
+    linear: LinearState | None = None,
     at_least: float | None = None,
     draws: int = 256,
     seed: int = 0,
@@ -71,6 +74,7 @@ def scatter(
         of: By default P_d, and of a scene with a mean load or interference P_d_vibration: "P_d", "P", or an amplitude
             of the left blade, "x_peak" or another of `gradient`; of a row P_d and P of all blades, "P_d_worst" of the
             blade that gains the least, or the largest RMS value or peak.
+        linear: "apart" or "stuck": in closed form, of contact that stays in this state; see `power`.
         at_least: P_d, or P_d_worst, [percent] whose probability is computed.
         draws: Rows of each of the two sample matrices, rounded up to a power of 2; there are (2 + keys) times as many
             runs in every condition.
@@ -104,6 +108,7 @@ def scatter(
         >>> found.P_d.shape, found.total.shape
         ((16,), (2,))
     """
+    scene = in_state(scene, linear)
     nominal = one_scene("scatter", scene)
     check_row(nominal)
     of = of or counted_reduction(nominal)

@@ -3,7 +3,15 @@
 import math
 from collections.abc import Sequence
 
-from jaxshroud.results.data_sheet import MOTION_NAMES, Coordinate, Crossing, DataSheet, NaturalMode, excited_by
+from jaxshroud.results.data_sheet import (
+    MOTION_NAMES,
+    Coordinate,
+    Crossing,
+    DataSheet,
+    FlowMode,
+    NaturalMode,
+    excited_by,
+)
 from jaxshroud.scene.units import RPM
 
 COORDINATE_HEADS = ["", "natural [Hz]", "over the drive's", "zeta"]
@@ -69,6 +77,19 @@ def mode_rows(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
     ]
 
 
+def flow_rows(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
+    """The head and the rows of a table of the waves of a row in a flow: of many those that are damped least."""
+    heads = ["waves along x in the flow, apart", "[Hz]", "over the drive's", "zeta", "by the flow"]
+    least = sorted(range(len(sheet.flow_modes)), key=lambda i: sheet.flow_modes[i].zeta)[:MOST_MODES]
+    return heads, [_flow_row(sheet, sheet.flow_modes[i]) for i in sorted(least)]
+
+
+def _flow_row(sheet: DataSheet, mode: FlowMode) -> list[str]:
+    h, over = mode.nodal_diameter, mode.frequency / sheet.drive
+    name = "bending along x" if h is None else f"nodal diameter {h}"
+    return [name, f"{mode.frequency:.5g}", f"{over:.4g}", f"{mode.zeta:.3g}", f"{mode.zeta_flow:.3g}"]
+
+
 def crossing_rows(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
     """The head and the rows of a table of the speeds at which engine orders meet natural frequencies.
 
@@ -84,6 +105,7 @@ def left_out(sheet: DataSheet) -> str:
     """How much of the sheet is not printed, in words; empty where all is."""
     counts = {
         "modes": (len(shown_modes(sheet)), len(sheet.modes)),
+        "waves": (len(flow_rows(sheet)[1]), len(sheet.flow_modes)),
         "crossings": (len(crossing_rows(sheet)[1]), len(_crossings(sheet))),
         "doubts": (min(len(sheet.doubts), MOST_DOUBTS), len(sheet.doubts)),
     }

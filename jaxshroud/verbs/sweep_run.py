@@ -9,6 +9,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from jaxshroud.batch.linear_motion import is_linear
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.batch.plan import Plan, Runs, Ticker
 from jaxshroud.batch.runs import SweepHandover, continued_runs, independent_runs, stepping_method
@@ -149,7 +150,7 @@ def _run_grid(
 ) -> Runs:
     """The runs of all lanes (leading axis) in one direction."""
     run_for = settings.plan, settings.ticker
-    if direction == "independent":
+    if direction == "independent" or is_linear(grid.lanes):  # a settled motion does not depend on where it starts
         return independent_runs(grid.lanes, (math.prod(grid.shape),), *run_for, states)
     shape = (
         math.prod(grid.resolved.shape),

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxshroud.batch.linear_motion import LinearState
 from jaxshroud.batch.plan import Progress
 from jaxshroud.io.lane_status import LaneWarning, warn_failures
 from jaxshroud.io.variable import Attribute
@@ -24,6 +25,7 @@ from jaxshroud.signals.amplitudes import check_vibration
 from jaxshroud.signals.period import NOT_SETTLED, SETTLED
 from jaxshroud.verbs.arguments import check_row, one_scene
 from jaxshroud.verbs.asked import MethodArgument
+from jaxshroud.verbs.linear import in_state
 from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.sweep import sweep
 
@@ -36,6 +38,7 @@ def table(
     designs: object,
     *,
     by: str | None = None,
+    linear: LinearState | None = None,
     n_periods: int | None = None,
     transient: int | None = None,
     method: MethodArgument = None,
@@ -55,6 +58,7 @@ def table(
             (`x_peak`, `theta_rms` and so on; the largest one of all blades) or load (`N_max`, `v_max`, `friction_work`,
             `slip`, `archard`, `impacts`, `F_max`, `approach_max`, `impulse_max`; of rows of blades the largest one of
             all interfaces).
+        linear: "apart" or "stuck": in closed form, of contact that stays in this state; see `power`.
         n_periods: Drive periods kept; by default 64.
         transient: Drive periods run and discarded first; by default 64.
         method: How to march: a method, or the accuracy that chooses one for all rows; see `method_for`.
@@ -84,6 +88,7 @@ def table(
         >>> found.rank.shape, found.x_peak.shape
         ((2,), (2, 2))
     """
+    scene = in_state(scene, linear)
     base = one_scene("table", scene)
     by = by or counted_reduction(base)
     if by not in RANKED_BY:

@@ -10,6 +10,7 @@ from typing import cast
 import numpy as np
 
 from jaxshroud.batch.limits import check_size
+from jaxshroud.batch.linear_motion import LinearState
 from jaxshroud.batch.plan import Plan, Progress, Ticker
 from jaxshroud.march.method import FOR_P_D, choices
 from jaxshroud.model.prepared import State
@@ -45,6 +46,7 @@ from jaxshroud.verbs.gradient_ascent import (
     verify_design,
 )
 from jaxshroud.verbs.lanes import with_tangents
+from jaxshroud.verbs.linear import in_state
 from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.robust import RobustnessRequest, robustness, robustness_request
 from jaxshroud.verbs.scattering import Scattering, scattering_of
@@ -58,6 +60,7 @@ def tune(
     conditions: Mapping[str, Sequence[float]] | None = None,
     goal: Goal = "mean",
     of: Quantity | None = None,
+    linear: LinearState | None = None,
     most_penetration: float = np.inf,
     most_force: float = np.inf,
     scatters: Mapping[str, float | str] | None = None,
@@ -97,6 +100,8 @@ def tune(
             by its reduction in percent below `Tuned.free`, a constant: P_0 of the scene, or its RMS displacement
             without contact. This reduction is then meant by P_d everywhere; `Tuned.level` is the quantity itself.
             Slopes of peaks are taken across a neighbourhood.
+        linear: "apart" or "stuck": in closed form, of contact that stays in this state; a design whose
+            contact leaves it is not feasible.
         most_penetration: Largest allowed penetration in every condition, transients included [m].
         most_force: Largest allowed normal force of the contact, likewise [N].
         scatters: Keys of numbers that scatter uniformly, with half widths: a number in SI units, or a share of the
@@ -136,6 +141,7 @@ def tune(
         >>> 2e-5 <= found.design["shroud.gap"] <= 4e-5
         True
     """
+    scene = in_state(scene, linear)
     nominal = one_scene("tune", scene)
     check_row(nominal)
     of = of or counted_reduction(nominal)

@@ -76,7 +76,7 @@ def test_all_that_lists_numbers_is_made_from_the_table():
     assert list(QUANTITIES) == list(ALL_KEYS) == [*KEYS, *(row.name for row in INPUT_KEYS), *ROW_KEYS]
     assert [key_attrs(key)["units"] for key in KEYS] == [row.netcdf for row in SCENE_KEYS]
     assert list(MOTION) == [row.parts[1] for row in keys_of_table("initial")] == list(Motion._fields)
-    words = {"contact.reading", "contact.points", "contact.shares"}
+    words = {"contact.reading", "contact.points", "contact.shares", "initial.start", "initial.friction"}
     words |= {f"parts.{name}" for name in TABLE_MODELS["parts"].model_fields}
     assert {f"{table}.{name}" for table in PHYSICS_TABLES for name in TABLE_MODELS[table].model_fields} - words == set(
         KEYS

@@ -1,0 +1,291 @@
+"""The static equilibria of scenes: where mean loads, the blades' springs and contact balance, without friction.
+
+The state of each point of contact, apart or pressed, and the case of each interface are held while Newton's method
+finds the position, and then put right where the position contradicts them, until they agree. This begins from several
+states, which may end in different equilibria.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from jaxshroud.model.modes import FLAT, Mode
+from jaxshroud.model.resting_contact import RestingContact, resting_contact
+from jaxshroud.scene.layout import COORDINATES
+from jaxshroud.scene.scene import Scene, without_given
+from jaxshroud.scene.typed import FloatArray
+
+NUMBERS_AT_ONCE = 1 << 22  # of the stiffness matrices of lanes that share a program
+PRESSED = Mode.SLIP_PLUS  # of contact without friction
+MOST_CHANGES = 200  # of states of contact in turn
+CHANGES_AT_ONCE = 24  # of which so many change all that is wrong, then one by one, which ends where faces do not turn
+MOST_UPDATES = 40  # of Newton's method in one state
+CONVERGED = 1e-15  # an update of the position below this times its size ends them
+ROUNDING = 64 * float(np.finfo(float).eps)  # of displacements, and of torques, below which nothing is contradicted
+SAME = 1e-9  # of the largest displacement: equilibria that differ by less are one
+
+
+class Springs(NamedTuple):
+    """The blades of lanes and what loads them, (lanes, 3 blades)."""
+
+    stiffness: FloatArray
+    load: FloatArray
+    moves: np.ndarray  # (3 blades,)
+    closed: bool
+
+    @property
+    def blades(self) -> int:
+        """The number of blades."""
+        return len(self.moves) // 3
+
+
+class ContactState(NamedTuple):
+    """The state of contact of lanes at rest."""
+
+    mode: np.ndarray  # (lanes, interfaces, points)
+    case: np.ndarray  # (lanes, interfaces)
+    u_s: FloatArray  # as the mode [m]
+
+
+class Equilibrium(NamedTuple):
+    """The static equilibrium of least energy of lanes."""
+
+    q: FloatArray  # (lanes, 3, blades) x, y and theta; NaN where none is found
+    found: np.ndarray  # (lanes,) how many different ones are
+    contact: ContactState
+    at: RestingContact
+    energy: FloatArray  # (lanes,) [J]
+    residual: FloatArray  # (lanes,) the largest unbalanced force over the largest force
+
+
+def springs_of(scenes: Scene) -> Springs:
+    """The blades of scenes (leading axis) under their mean loads."""
+    arrays: Scene = jax.tree.map(np.asarray, scenes)
+    b, mean = arrays.mistuned_blades, arrays.drive.harmonics().get(0)
+    count = arrays.layout.blades
+    moves = np.array([arrays.parts.has(name, min(i, 1)) for name in COORDINATES for i in range(count)])
+    stiffness = np.concatenate([b.k_x, b.k_y, b.k_T], axis=-1).astype(float)
+    loads = np.zeros_like(stiffness) if mean is None else np.concatenate([mean.F_x, mean.F_y, mean.M_0], axis=-1)
+    closed = arrays.row is not None and arrays.row.closed
+    return Springs(stiffness, np.where(moves, loads, 0.0), moves, closed)
+
+
+def friction_free(scenes: Scene) -> Scene:
+    """The scenes without friction."""
+    return eqx.tree_at(lambda s: s.friction.mu, scenes, 0.0 * scenes.friction.mu)
+
+
+def static_equilibria(scenes: Scene) -> Equilibrium:
+    """The static equilibrium of least energy of each scene (leading axis), and how many are found.
+
+    Friction is left out: there is none where a slider is set down at rest. Contact is the spring's, of corners or of
+    several points.
+    """
+    count, numbers = len(scenes.drive.omega), (3 * scenes.layout.blades) ** 2
+    size = min(max(NUMBERS_AT_ONCE // numbers, 1), 64)
+    scenes = friction_free(without_given(scenes))
+    pieces = []
+    for begin in range(0, count, size):
+        at = np.minimum(np.arange(begin, begin + min(size, 1 << (count - 1).bit_length())), count - 1)
+        piece = _least_energy(jax.tree.map(lambda a, at=at: np.asarray(a)[at], scenes))
+        pieces.append(jax.tree.map(lambda a, begin=begin: np.asarray(a)[: count - begin], piece))
+    return jax.tree.map(lambda *a: np.concatenate(a), *pieces)
+
+
+def _least_energy(scenes: Scene) -> Equilibrium:
+    springs = springs_of(scenes)
+    if scenes.parts.contact == "none":
+        return _without_contact(springs)
+    ends = [_equilibrium(scenes, springs, first) for first in _first_states(scenes)]
+    energies = np.array([np.where(np.isnan(end.q[:, 0, 0]), np.inf, end.energy) for end in ends])
+    best, lanes = np.argmin(energies, axis=0), np.arange(energies.shape[1])
+    found = _different(np.array([end.q for end in ends]))
+    least = jax.tree.map(lambda *a: np.stack(a)[best, lanes], *ends)
+    return least._replace(found=found)
+
+
+def _without_contact(springs: Springs) -> Equilibrium:
+    q = np.where(springs.moves, springs.load / springs.stiffness, 0.0).reshape(len(springs.load), 3, -1)
+    lanes, none = len(q), np.zeros((len(q), 0, 1))
+    contact = ContactState(none.astype(np.int32), none[..., 0].astype(np.int32), none)
+    energy = -np.sum(springs.load * q.reshape(lanes, -1), axis=1) / 2
+    nothing = RestingContact(*[np.zeros((lanes, 0))] * len(RestingContact._fields))
+    return Equilibrium(q, np.ones(lanes, int), contact, nothing, energy, np.zeros(lanes))
+
+
+def _first_states(scenes: Scene) -> list[ContactState]:
+    """The states of contact from which equilibria are sought: one for all interfaces."""
+    lanes, layout, points = len(scenes.drive.omega), scenes.layout, max(scenes.points, 1)
+    turns = "theta" in scenes.parts.motion and not scenes.points
+    shape = lanes, layout.interfaces
+    apart = ContactState(
+        np.full((*shape, points), Mode.APART, np.int32), np.zeros(shape, np.int32), np.zeros((*shape, points))
+    )
+    pressed = np.full_like(apart.mode, PRESSED)
+    cases = (FLAT, 2, 4) if turns else (4,)
+    return [apart, *(apart._replace(mode=pressed, case=np.full(shape, case, np.int32)) for case in cases)]
+
+
+def _different(ends: FloatArray) -> np.ndarray:
+    """How many different equilibria (starts, lanes, 3, blades) each lane has."""
+    flat = ends.reshape(*ends.shape[:2], -1)
+    size = SAME * np.nanmax(np.abs(flat), axis=(0, 2), initial=0.0)
+    number = np.zeros(ends.shape[1], int)
+    for i, own in enumerate(flat):
+        with np.errstate(invalid="ignore"):
+            seen = [np.max(np.abs(own - other), axis=1) <= size for other in flat[:i]]
+        number += ~np.isnan(own[:, 0]) & ~np.any([np.zeros(len(size), bool), *seen], axis=0)
+    return number
+
+
+def _equilibrium(scenes: Scene, springs: Springs, contact: ContactState) -> Equilibrium:
+    """The equilibrium to which one state of contact leads, lane by lane; NaN where to none."""
+    q, at = position_in(scenes, springs, contact, np.zeros((len(springs.load), 3, springs.blades)))
+    settled = np.zeros(len(q), bool)
+    for change in range(MOST_CHANGES):
+        new = _corrected(springs, contact, at, q)
+        wrong = (new.case != contact.case) | np.any(new.mode != contact.mode, axis=-1)
+        settled = ~wrong.any(axis=1)
+        if settled.all():
+            break
+        if change >= CHANGES_AT_ONCE:
+            wrong &= np.cumsum(wrong, axis=1) == 1
+        contact = jax.tree.map(
+            lambda a, b, wrong=wrong: np.where(wrong.reshape(wrong.shape + (1,) * (a.ndim - 2)), b, a), contact, new
+        )
+        q, at = position_in(scenes, springs, contact, np.where(settled[:, None, None], q, 0.0))
+    lost = np.isnan(q).any(axis=(1, 2)) | ~settled
+    forces = unbalanced(springs, at, q)
+    residual = np.abs(_reduced(springs, contact, forces)).max(axis=1) / np.maximum(_largest(springs, at, q), 1e-300)
+    pressed = contact._replace(u_s=at.u)
+    work = np.sum((springs.stiffness * q.reshape(len(q), -1) / 2 - springs.load) * q.reshape(len(q), -1), axis=1)
+    q = np.where(lost[:, None, None], np.nan, q)
+    return Equilibrium(q, settled.astype(int), pressed, at, work + at.energy.sum(axis=1), residual)
+
+
+def position_in(
+    scenes: Scene, springs: Springs, contact: ContactState, q: FloatArray
+) -> tuple[FloatArray, RestingContact]:
+    """The positions of equilibrium in one state of contact of each lane by Newton's method, and the contact there."""
+    rigid = directions(springs, contact)
+    idle = np.eye(rigid.shape[-1]) * ~rigid.any(axis=1)[:, None, :]
+    for _ in range(MOST_UPDATES):
+        at = _held_contact(scenes, q, contact)
+        r = unbalanced(springs, at, q)
+        J = _stiffness(springs, at)
+        reduced = np.swapaxes(rigid, 1, 2) @ J @ rigid + idle
+        usable = np.isfinite(reduced).all(axis=(1, 2))
+        reduced = np.where(usable[:, None, None], reduced, np.eye(reduced.shape[-1]))
+        y = np.linalg.solve(reduced, (np.swapaxes(rigid, 1, 2) @ r[..., None]))
+        step = np.where(usable[:, None], (rigid @ y)[..., 0], np.nan).reshape(q.shape)
+        q = q + step
+        with np.errstate(invalid="ignore"):
+            if not np.any(np.abs(step).max(axis=(1, 2)) > CONVERGED * np.abs(q).max(axis=(1, 2))):
+                break
+    return q, _held_contact(scenes, q, contact)
+
+
+def _held_contact(scenes: Scene, q: FloatArray, contact: ContactState) -> RestingContact:
+    dtype = scenes.drive.omega.dtype
+    held = resting_contact(scenes, q.astype(dtype), contact.mode, contact.case, contact.u_s.astype(dtype))
+    return jax.tree.map(np.asarray, held)
+
+
+def coordinates_at(blades: int, interfaces: int) -> np.ndarray:
+    """The places (interfaces, 6) of the coordinates of each interface among those of all blades."""
+    left = np.arange(interfaces)
+    right = (left + 1) % blades
+    return np.stack([row * blades + side for row in range(3) for side in (left, right)], axis=1)
+
+
+def unbalanced(springs: Springs, at: RestingContact, q: FloatArray) -> FloatArray:
+    """The sum of the forces on each coordinate, (lanes, 3 blades)."""
+    total = springs.load - springs.stiffness * q.reshape(len(q), -1)
+    places = coordinates_at(springs.blades, at.load.shape[1])
+    for j, own in enumerate(places):
+        total[:, own] += at.load[:, j]
+    return np.where(springs.moves, total, 0.0)
+
+
+def _largest(springs: Springs, at: RestingContact, q: FloatArray) -> FloatArray:
+    """The largest force on a coordinate of each lane, forces and moments alike (lanes,)."""
+    elastic = np.abs(springs.stiffness * q.reshape(len(q), -1)).max(axis=1)
+    return np.maximum(elastic, np.maximum(np.abs(springs.load).max(axis=1), np.abs(at.load).max(axis=(1, 2))))
+
+
+def _stiffness(springs: Springs, at: RestingContact) -> FloatArray:
+    """The stiffness of blades and contact, (lanes, 3 blades, 3 blades)."""
+    K = springs.stiffness[:, :, None] * np.eye(springs.stiffness.shape[1])
+    for j, own in enumerate(coordinates_at(springs.blades, at.load.shape[1])):
+        K[:, own[:, None], own] -= at.load_q[:, j]
+    return K
+
+
+def directions(springs: Springs, contact: ContactState) -> FloatArray:
+    """The directions in which the blocks can move, as columns (lanes, 3 blades, 3 blades); 0 for one that is none.
+
+    Blocks whose faces are flat on each other turn together.
+    """
+    n, lanes = springs.blades, len(contact.case)
+    first = np.tile(np.arange(n), (lanes, 1))
+    for _ in range(2 if springs.closed else 1):
+        for j in range(contact.case.shape[1]):
+            flat, right = contact.case[:, j] == FLAT, (j + 1) % n
+            low, high = np.minimum(first[:, j], first[:, right]), np.maximum(first[:, j], first[:, right])
+            joined = flat[:, None] & (first == high[:, None])
+            first = np.where(joined, low[:, None], first)
+    free = np.zeros((lanes, 3 * n, 3 * n))
+    free[:, np.arange(2 * n), np.arange(2 * n)] = 1.0
+    rows = np.arange(lanes)[:, None], 2 * n + np.arange(n)[None], 2 * n + first
+    free[rows] = 1.0
+    return free * springs.moves[None, :, None]
+
+
+def _reduced(springs: Springs, contact: ContactState, forces: FloatArray) -> FloatArray:
+    """The forces on the directions in which the blocks can move."""
+    return (np.swapaxes(directions(springs, contact), 1, 2) @ forces[..., None])[..., 0]
+
+
+def passed_on(springs: Springs, contact: ContactState, forces: FloatArray) -> FloatArray:
+    """The torque that flat faces pass on to the block right of them, (lanes, interfaces); 0 elsewhere.
+
+    Of a ring that is flat all round it is that of least norm.
+    """
+    flat = np.asarray(contact.case == FLAT)
+    torque, passed = forces[:, 2 * springs.blades :], np.zeros(flat.shape)
+    for _ in range(2 if springs.closed else 1):
+        for j in range(flat.shape[1]):
+            before = passed[:, j - 1] * flat[:, j - 1] if j or springs.closed else 0.0
+            passed[:, j] = np.where(flat[:, j], before + torque[:, j], 0.0)
+    around = springs.closed & flat.all(axis=1)
+    return passed - np.where(around, passed.mean(axis=1), 0.0)[:, None]
+
+
+def _corrected(springs: Springs, contact: ContactState, at: RestingContact, q: FloatArray) -> ContactState:
+    """The state of contact where the position agrees with it, and what follows from the position elsewhere."""
+    size = np.abs(q).max(axis=(1, 2))
+    noise = ROUNDING * size[:, None]
+    is_apart = contact.mode == Mode.APART
+    if at.v.shape[-1] > 1:
+        pressed = np.where(is_apart, at.v > noise[..., None], at.v > -noise[..., None])
+        return contact._replace(mode=np.where(pressed, PRESSED, Mode.APART).astype(np.int32))
+    apart, v = is_apart[..., 0], at.v[..., 0]
+    pressed = np.where(apart, at.natural_v > noise, v > -noise)
+    case = np.where(contact.case == FLAT, _case_of_flat(springs, contact, at, q), at.natural)
+    if springs.moves[-springs.blades]:
+        upper = contact.case <= 2
+        crossed = ~apart & (contact.case != FLAT) & np.where(upper, at.turn < -noise, at.turn > noise)
+        parallel = ~apart & (contact.case != FLAT) & (np.abs(at.turn) <= noise)
+        case = np.where(crossed, FLAT, np.where(parallel, contact.case, case))
+    mode = np.where(pressed, PRESSED, Mode.APART).astype(np.int32)
+    return contact._replace(mode=mode[..., None], case=np.where(pressed, case, 0).astype(np.int32))
+
+
+def _case_of_flat(springs: Springs, contact: ContactState, at: RestingContact, q: FloatArray) -> np.ndarray:
+    """The case of faces that are flat: still flat, or that of the corner beyond which the resultant would act."""
+    passed = passed_on(springs, contact, unbalanced(springs, at, q))
+    lower, upper = (at.end_torques[..., i] + passed for i in (0, 1))
+    noise = ROUNDING * np.abs(at.end_torques).max(axis=-1)
+    return np.where(upper > noise, 2, np.where(lower < -noise, 4, FLAT))

@@ -1,0 +1,366 @@
+"""Settled motions that stay in one state of contact at every interface: linear, and so in closed form.
+
+The state is "apart", or "stuck": in contact throughout, without slip where there is friction. The motion is that about
+the static equilibrium, with the sliders where they are put down there. Without torsion it is exact. With torsion it
+neglects terms of the order of the angles, and that contact moves from corner to corner.
+"""
+
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxshroud.batch.equilibrium import (
+    PRESSED,
+    ContactState,
+    coordinates_at,
+    directions,
+    friction_free,
+    position_in,
+    springs_of,
+    static_equilibria,
+)
+from jaxshroud.cache.programs import kept
+from jaxshroud.model.arithmetic import sine_versine
+from jaxshroud.model.geometry import gyration
+from jaxshroud.model.linear import static_position
+from jaxshroud.model.modes import FLAT, Mode
+from jaxshroud.model.resting_contact import resting_contact_of
+from jaxshroud.model.rhs import blade_mean_square, position_at
+from jaxshroud.scene.layout import COORDINATES
+from jaxshroud.scene.other_parts import with_parts
+from jaxshroud.scene.scene import Scene, without_given
+
+LinearState = Literal["apart", "stuck"]
+SAMPLES = 128  # of the period of the highest harmonic
+EXTREME_UPDATES = 6  # of Newton's method from the sample at which a displacement is largest
+LANES_AT_ONCE = 1 << 20  # numbers of the matrices of lanes that share a program
+
+
+class HeldContact(NamedTuple):
+    """The static position of lanes and the state of contact in which they stay."""
+
+    q: Any  # (lanes, 3, blades)
+    mode: Any  # (lanes, interfaces, points)
+    case: Any  # (lanes, interfaces)
+    u_s: Any  # (lanes, interfaces, points) [m]
+    rigid: Any  # (lanes, 3 blades, 3 blades) directions in which the blocks can move, see `directions`
+    found: Any  # (lanes,) how many static equilibria there are
+
+
+class Margins(NamedTuple):
+    """How far a linear motion stays from the end of its state, the least over the motion and over the points.
+
+    A number is negative where the state is left. One of several harmonics is a bound from below.
+    """
+
+    N: Any  # (lanes, interfaces) normal force; inf where the faces are apart [N]
+    slip: Any  # (lanes, interfaces) mu N - |F|; inf without friction [N]
+    gap: Any  # (lanes, interfaces) of the faces, along their normal; inf where they touch [m]
+
+    @property
+    def holds(self) -> Any:
+        """Whether the state is kept, (lanes,)."""
+        return np.all([np.asarray(a).min(axis=-1) > 0 for a in self], axis=0)
+
+
+class LinearMotion(NamedTuple):
+    """A settled linear motion over one base period, of lanes."""
+
+    displacement: Any  # (lanes, samples, 3, blades) x, y and theta
+    speed: Any
+    power: (
+        Any  # (lanes, blades) mean square displacement over block and period from the static position without contact
+    )
+    means: Any  # `Means`, (lanes, blades)
+    first: Any  # (lanes, 3, blades) means of x, y and theta
+    second: Any  # (lanes, 3, blades) means of their squares
+    highest: Any  # (lanes, 3, blades)
+    lowest: Any
+    margins: Margins
+    N: Any  # (lanes, interfaces) mean normal force [N]
+    N_max: Any  # (lanes, interfaces) largest normal and friction force; bounds for several harmonics
+    F_max: Any
+    v_max: Any  # (lanes, interfaces) largest penetration
+
+
+def sprung(scenes: Scene) -> Scene:
+    """Scenes whose contact is asked to stay in one state, with contact that begins and ends."""
+    return with_parts(scenes, scenes.parts._replace(contact="spring")) if is_linear(scenes) else scenes
+
+
+def is_linear(scenes: Scene) -> bool:
+    """Whether scenes are asked to stay in one state of contact."""
+    return scenes.parts.contact in ("apart", "stuck")
+
+
+def held_contact(scenes: Scene, state: LinearState) -> HeldContact:
+    """The static position of scenes (leading axis) in a state of contact.
+
+    Faces that are asked to stick and that the static equilibrium leaves open are held together: their margin says so.
+    """
+    scenes = friction_free(sprung(scenes))
+    springs, layout = springs_of(scenes), scenes.layout
+    shape = len(scenes.drive.omega), layout.interfaces
+    apart = ContactState(
+        np.zeros((*shape, max(scenes.points, 1)), np.int32),
+        np.zeros(shape, np.int32),
+        np.zeros((*shape, max(scenes.points, 1))),
+    )
+    if state == "apart":
+        q, _ = position_in(scenes, springs, apart, np.zeros((shape[0], 3, layout.blades)))
+        return HeldContact(q, *apart, directions(springs, apart), np.ones(shape[0], int))
+    rest = static_equilibria(scenes)
+    lost = np.isnan(rest.q).any(axis=(1, 2))
+    is_open = (rest.contact.mode == Mode.APART).any(axis=-1) | lost[:, None]
+    turns = "theta" in scenes.parts.motion and not scenes.points
+    case = np.where(is_open, FLAT if turns else 4, rest.contact.case).astype(np.int32)
+    contact = ContactState(np.full_like(rest.contact.mode, PRESSED), case, np.zeros_like(rest.contact.u_s))
+    q, at = position_in(scenes, springs, contact, np.where(lost[:, None, None], 0.0, rest.q))
+    stuck = np.full_like(contact.mode, Mode.STICK)
+    return HeldContact(q, stuck, case, at.u, directions(springs, contact), rest.found)
+
+
+def linear_motions(scenes: Scene, held: HeldContact) -> LinearMotion:
+    """The motions of scenes (leading axis) in a state of contact."""
+    scenes = without_given(sprung(scenes))
+    count, numbers = len(scenes.drive.omega), (3 * scenes.layout.blades) ** 2
+    return in_pieces(_linear_motions, (scenes, held), count, numbers)
+
+
+def in_pieces(f: Callable[..., Any], trees: tuple[Any, ...], count: int, numbers: int) -> Any:
+    """`f` of so many lanes (leading axis), of which those with so many numbers share a program; NumPy arrays."""
+    size = min(max(LANES_AT_ONCE // numbers, 1), 64, 1 << (count - 1).bit_length())
+    pieces = []
+    for begin in range(0, count, size):
+        at = np.minimum(np.arange(begin, begin + size), count - 1)
+        piece = f(*jax.tree.map(lambda a, at=at: np.asarray(a)[at], trees))
+        pieces.append(jax.tree.map(lambda a, begin=begin: np.asarray(a)[: count - begin], piece))
+    return jax.tree.map(lambda *a: np.concatenate(a), *pieces)
+
+
+@kept()
+def _linear_motions(scenes: Scene, held: HeldContact) -> LinearMotion:
+    return jax.vmap(linear_motion)(scenes, held)
+
+
+@kept()
+def linear_motion_tangents(scenes: Scene, held: HeldContact, along: Scene) -> tuple[LinearMotion, LinearMotion]:
+    """The motions of scenes (leading axis) and their derivatives along directions of the scenes."""
+    one = lambda scene, held, along: jax.jvp(lambda scene: linear_motion(scene, held), (scene,), (along,))
+    return jax.vmap(one)(scenes, held, along)
+
+
+class _Forced(NamedTuple):
+    """A number over the period: its mean, and its complex amplitudes by order, Im[a exp(i n omega t)]."""
+
+    mean: Any
+    waves: dict[int, Any]
+
+
+def linear_motion(scene: Scene, held: HeldContact) -> LinearMotion:
+    """The motion of one scene in its state of contact; differentiable by the numbers of the scene.
+
+    Source:
+        (K - n^2 omega^2 M + i n omega C) A_n = Q_n, where K is the stiffness of the blades and the derivative of the
+        forces of contact at the static equilibrium, over the directions in which the blocks can move.
+    """
+    swing, at = _swing(scene, held)
+    omega, orders = scene.drive.omega, list(swing.waves)
+    count = SAMPLES * max(orders, default=1)
+    tau = jnp.linspace(0, 2 * jnp.pi, count, endpoint=False, dtype=omega.dtype)
+    q, rate, _ = _course(swing, tau)
+    shape = count, 3, scene.blades.m.shape[-1]
+    place = q.reshape(shape)
+    x, y, theta = place[:, 0], place[:, 1], place[:, 2]
+    turn = sine_versine(theta)
+    power = blade_mean_square(x, y, *turn, gyration(scene.shroud), static_position(scene))
+    mean = lambda a: jnp.mean(a, axis=0)
+    highest, lowest = _extremes(swing, tau, q)
+    by_row = lambda a: a.reshape(3, -1)
+    forces = _contact_course(scene, held, at, swing, count)
+    return LinearMotion(
+        place,
+        (omega * rate).reshape(shape),
+        mean(power),
+        jax.tree.map(mean, position_at(x, y, theta)),
+        by_row(swing.mean),
+        mean(place**2),
+        by_row(highest),
+        by_row(lowest),
+        *forces,
+    )
+
+
+def _swing(scene: Scene, held: HeldContact) -> tuple[_Forced, Any]:
+    """The displacements (3 blades,) of the motion, and the contact at rest."""
+    b, blades, sines = scene.mistuned_blades, scene.blades.m.shape[-1], scene.drive.harmonics()
+    masses = jnp.concatenate([b.m, b.inertia_y, b.I])
+    dampers = jnp.concatenate([b.c_x, b.c_y, b.c_T])
+    springs = jnp.concatenate([b.k_x, b.k_y, b.k_T])
+    moves = np.array([scene.parts.has(name, min(i, 1)) for name in COORDINATES for i in range(blades)])
+    turning = "theta" in scene.parts.motion
+    size = 3 * blades if turning else (2 if "y" in scene.parts.motion else 1) * blades
+    free = lax.stop_gradient(held.rigid)[:, :size]
+    idle = jnp.diag(1.0 - jnp.max(jnp.abs(free), axis=0))
+    q = lax.stop_gradient(held.q)
+    loose = held._replace(mode=jnp.where(held.mode == Mode.STICK, int(PRESSED), held.mode).astype(jnp.int32))
+    frictionless = friction_free(scene)
+    rest = resting_contact_of(frictionless, q, loose.mode, held.case, held.u_s)
+    mean = sines[0].load if 0 in sines else None
+    load = jnp.zeros_like(springs) if mean is None else jnp.concatenate([mean(name) for name in COORDINATES])
+    over = lambda a: a @ free
+    reduced = lambda K: free.T @ K @ free
+    static_K = reduced(jnp.diag(springs) + _assembled(rest.load_q, blades))
+    unbalanced = jnp.where(moves, load - springs * q.ravel() + _gathered(rest.load, blades), 0.0)
+    q = q.ravel() + free @ jnp.linalg.solve(static_K + idle, over(unbalanced))  # no change, but for its derivatives
+    q = q.reshape(3, blades)
+    at = resting_contact_of(scene, q, held.mode, held.case, None)
+    K = reduced(jnp.diag(springs) + _assembled(at.load_q, blades)) + idle
+    M, C = reduced(jnp.diag(masses)), reduced(jnp.diag(dampers))
+    waves = {}
+    for n, one in sines.items():
+        if n == 0:
+            continue
+        omega = scene.drive.frequency(n)
+        parts = [one.parts(name) for name in COORDINATES]
+        re, im = (jnp.where(moves, jnp.concatenate(part), 0.0) for part in list(zip(*parts, strict=True))[:2])
+        Q = lax.complex(over(re), over(im))
+        answer = jnp.linalg.solve(lax.complex(K - omega**2 * M, omega * C), Q)
+        waves[n] = lax.complex(free, jnp.zeros_like(free)) @ answer
+    return _Forced(q.ravel(), waves), at
+
+
+def _assembled(load_q: Any, blades: int) -> Any:
+    """The stiffness of contact over all coordinates from the derivatives of its loads (interfaces, 6, 6)."""
+    places = coordinates_at(blades, load_q.shape[0])
+    return jnp.zeros((3 * blades,) * 2, load_q.dtype).at[places[:, :, None], places[:, None, :]].add(-load_q)
+
+
+def _gathered(load: Any, blades: int) -> Any:
+    """The loads of contact (interfaces, 6) on each coordinate."""
+    return jnp.zeros(3 * blades, load.dtype).at[coordinates_at(blades, load.shape[0])].add(load)
+
+
+def _course(swing: _Forced, tau: Any) -> tuple[Any, Any, Any]:
+    """The value and its first two derivatives by the phase, (times, ...)."""
+    q, rate, bend = swing.mean + 0.0 * tau[:, None], 0.0 * tau[:, None], 0.0 * tau[:, None]
+    for n, a in swing.waves.items():
+        s, c = jnp.sin(n * tau)[:, None], jnp.cos(n * tau)[:, None]
+        wave, quarter = a.real * s + a.imag * c, a.real * c - a.imag * s
+        q, rate, bend = q + wave, rate + n * quarter, bend - n**2 * wave
+    return q, rate, bend
+
+
+def _extremes(swing: _Forced, tau: Any, q: Any) -> tuple[Any, Any]:
+    """The largest and the smallest values (3 blades,)."""
+    if len(swing.waves) == 1:
+        (size,) = (_length(a) for a in swing.waves.values())
+        return swing.mean + size, swing.mean - size
+    return _turning_value(swing, tau, jnp.argmax(q, axis=0)), _turning_value(swing, tau, jnp.argmin(q, axis=0))
+
+
+def _length(a: Any) -> Any:
+    """The magnitude of complex numbers, whose derivative at 0 is 0."""
+    square = a.real**2 + a.imag**2
+    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+
+
+def _turning_value(swing: _Forced, tau: Any, node: Any) -> Any:
+    """Each number where its rate vanishes beside the sample `node`."""
+    frozen = jax.tree.map(lax.stop_gradient, swing)
+    at = tau[node]
+
+    def course(swing: _Forced, at: Any) -> tuple[Any, Any, Any]:
+        value, rate, bend = swing.mean, 0.0 * at, 0.0 * at
+        for n, a in swing.waves.items():
+            s, c = jnp.sin(n * at), jnp.cos(n * at)
+            wave, quarter = a.real * s + a.imag * c, a.real * c - a.imag * s
+            value, rate, bend = value + wave, rate + n * quarter, bend - n**2 * wave
+        return value, rate, bend
+
+    step = tau[1]
+    low, high = at - step, at + step
+    for _ in range(EXTREME_UPDATES):
+        _, rate, bend = course(frozen, at)
+        at = jnp.clip(at - rate / jnp.where(bend != 0, bend, jnp.inf), low, high)
+    return course(swing, at)[0]
+
+
+def _contact_course(scene: Scene, held: HeldContact, at: Any, swing: _Forced, count: int) -> tuple[Any, ...]:
+    """The margins, and the forces and penetrations at each interface."""
+    places = coordinates_at(scene.blades.m.shape[-1], held.case.shape[0])
+
+    def at_points(mean: Any, by: Any) -> _Forced:
+        waves = {n: jnp.einsum("jpk,jk->jp", by.astype(a.dtype), a[places]) for n, a in swing.waves.items()}
+        return _Forced(mean, waves)
+
+    N, F, opening = at_points(at.N, at.N_q), at_points(at.F, at.F_q), at_points(at.open_v, at.open_v_q)
+    apart = held.mode == Mode.APART
+    mu = jnp.broadcast_to(jnp.atleast_1d(scene.friction.mu), held.case.shape)[:, None]
+    k_d = jnp.broadcast_to(jnp.atleast_1d(scene.friction.k_d), held.case.shape)[:, None]
+    rubs = (mu > 0) & (k_d > 0) & (scene.parts.friction != "none")
+    limit = lambda sign: _Forced(
+        mu * N.mean + sign * F.mean, {n: mu * a + sign * F.waves[n] for n, a in N.waves.items()}
+    )
+    slip = jnp.minimum(_least(limit(1.0), count), _least(limit(-1.0), count))
+    margins = Margins(
+        jnp.min(jnp.where(apart, jnp.inf, _least(N, count)), axis=-1),
+        jnp.min(jnp.where(apart | ~rubs, jnp.inf, slip), axis=-1),
+        jnp.min(jnp.where(apart.all(axis=-1)[:, None], _least(_negative(opening), count), jnp.inf), axis=-1),
+    )
+    largest = lambda a: jnp.max(-_least(_negative(a), count), axis=-1)
+    sums = lambda a: _Forced(a.mean.sum(axis=-1)[:, None], {n: b.sum(axis=-1)[:, None] for n, b in a.waves.items()})
+    F_sum = sums(F)
+    F_max = jnp.maximum(largest(F_sum), largest(_negative(F_sum)))
+    N_max = jnp.where(apart.all(axis=-1), 0.0, largest(sums(N)))
+    return margins, at.N.sum(axis=-1), N_max, F_max, largest(opening)
+
+
+def _negative(a: _Forced) -> _Forced:
+    return _Forced(-a.mean, {n: -wave for n, wave in a.waves.items()})
+
+
+def _least(a: _Forced, count: int) -> Any:
+    """The least value over the period: exact for one harmonic, else a bound from below."""
+    if not a.waves:
+        return a.mean
+    if len(a.waves) == 1:
+        (wave,) = a.waves.values()
+        return a.mean - _length(wave)
+    tau = jnp.linspace(0, 2 * jnp.pi, count, endpoint=False, dtype=a.mean.dtype)
+    phases = {n: (jnp.sin(n * tau), jnp.cos(n * tau)) for n in a.waves}
+    shape = (-1, *[1] * a.mean.ndim)
+    course = sum(
+        w.real * phases[n][0].reshape(shape) + w.imag * phases[n][1].reshape(shape) for n, w in a.waves.items()
+    )
+    bend = sum(n**2 * _length(w) for n, w in a.waves.items())
+    return a.mean + jnp.min(course, axis=0) - bend * (jnp.pi / count) ** 2 / 2
+
+
+class LinearFlow(NamedTuple):
+    """What a whole period of a linear motion gives, as a march with tangents does."""
+
+    power: Any  # (lanes, blades)
+    means: Any  # `Means`, (lanes, blades that count)
+    moments: tuple[Any, Any]  # means of x, y and theta and of their squares, (lanes, blades) each
+
+
+def linear_flow(motion: LinearMotion, scenes: Scene) -> LinearFlow:
+    """The flow of lanes from their motions, or from the derivatives of these."""
+    means = jax.tree.map(lambda a: np.asarray(a)[:, scenes.layout.counting], motion.means)
+    by_row = lambda a: tuple(np.moveaxis(np.asarray(a), 1, 0))
+    return LinearFlow(np.asarray(motion.power), means, (by_row(motion.first), by_row(motion.second)))
+
+
+def motions_with_tangents(scenes: Scene, along: Scene, repeats: int) -> tuple[LinearMotion, LinearMotion]:
+    """The motions of scenes (leading axis), each so often, and their derivatives along as many directions."""
+    own = without_given(sprung(scenes))
+    held = held_contact(scenes, scenes.parts.contact)  # pyright: ignore[reportArgumentType]
+    own, held = jax.tree.map(lambda a: np.repeat(np.asarray(a), repeats, axis=0), (own, held))
+    along = jax.tree.unflatten(jax.tree.structure(own), jax.tree.leaves(along))
+    count, numbers = len(own.drive.omega), (3 * own.layout.blades) ** 2
+    return in_pieces(linear_motion_tangents, (own, held, along), count, numbers)

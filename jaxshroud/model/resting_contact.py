@@ -1,0 +1,148 @@
+"""Contact of blocks at rest: the forces at each interface, their derivatives, and what decides in which state it is."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jaxshroud.cache.programs import kept
+from jaxshroud.model.arithmetic import filled
+from jaxshroud.model.contact_law import SummedForces
+from jaxshroud.model.face_points import FaceKinematics
+from jaxshroud.model.geometry import contact_kinematics, natural_case, pose
+from jaxshroud.model.interface import loaded_contact, torques_along_face
+from jaxshroud.model.prepared import Model, State, has_torsion, prepared_model, touches_at_corners
+from jaxshroud.model.row import pair_at
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.layout import COORDINATES
+from jaxshroud.scene.scene import Scene
+
+CORNERS = 2, 4  # cases in which the upper and the lower corners meet
+
+
+class RestingContact(NamedTuple):
+    """Contact at the interfaces of lanes, arrays (lanes, interfaces, ...) in SI units.
+
+    Coordinates of an interface are x, y and theta of its two blocks: (x_l, x_r, y_l, y_r, theta_l, theta_r).
+    """
+
+    load: Any  # (..., 6) force of contact on each coordinate
+    load_q: Any  # (..., 6, 6) its derivatives by the coordinates
+    N: Any  # (..., points) normal force, as the next three of each point, or of the corner
+    F: Any  # (..., points) friction force
+    v: Any  # (..., points) penetration in the state's case
+    u: Any  # (..., points) slide
+    N_q: Any  # (..., points, 6) derivatives by the coordinates, as the next
+    F_q: Any  # (..., points, 6)
+    open_v: Any  # (..., corners) penetration of the upper and the lower corners, or of each point
+    open_v_q: Any  # (..., corners, 6)
+    natural_v: Any  # (...,) penetration in the natural case
+    natural: Any  # (...,) the case that the position has by itself
+    turn: Any  # (...,) theta_l - theta_r
+    end_torques: Any  # (..., 2) at the lower and the upper end of flat faces, where none is passed on
+    energy: Any  # (...,) of the springs of contact
+
+
+@kept()
+def resting_contact(scenes: Scene, q: Any, mode: Any, case: Any, u_s: Any) -> RestingContact:
+    """The contact of scenes (leading axis) at rest.
+
+    Args:
+        scenes: The scenes.
+        q: The displacements (lanes, 3, blades): x, y and theta.
+        mode: The mode of each point, (lanes, interfaces, points); one point where a corner touches.
+        case: The case of each interface, (lanes, interfaces).
+        u_s: The slider of each point, as the modes; None: where the faces are.
+    """
+    return jax.vmap(resting_contact_of)(scenes, q, mode, case, u_s)
+
+
+def resting_contact_of(scene: Scene, q: Any, mode: Any, case: Any, u_s: Any) -> RestingContact:
+    """`resting_contact` of one scene, without the axis of lanes."""
+    count = q.shape[-1]
+
+    def at_interface(j: Any, mode: Any, case: Any, u_s: Any) -> RestingContact:
+        model = prepared_model(pair_at(scene, j))
+        sides = jnp.stack([j, (j + 1) % count])
+        return _contact_between(q[:, sides].ravel(), State(None, u_s, mode, case), model)
+
+    none = None if u_s is None else 0
+    return jax.vmap(at_interface, in_axes=(0, 0, 0, none))(jnp.arange(case.shape[0]), mode, case, u_s)
+
+
+def _contact_between(q: Any, state: State, model: Model) -> RestingContact:
+    """`RestingContact` of one interface."""
+    if state.u_s is None:
+        at_zero = State(state.motion, jnp.zeros(state.mode.shape, q.dtype), state.mode, state.case)
+        state = State(state.motion, _loads(q, at_zero, model)[1].u, state.mode, state.case)
+    (load, of_points), (load_q, of_points_q) = _loads(q, state, model), jax.jacfwd(_loads)(q, state, model)
+    now = _resting_state(q, state, model)
+    place = pose(now.motion.x, now.motion.y, now.motion.theta)
+    at = contact_kinematics(place, now.case, model.block, model.reading)
+    natural = natural_case(place, model.block)
+    zero, ends = jnp.zeros((), q.dtype), jnp.zeros(2, q.dtype)
+    if touches_at_corners(model):
+        loaded = loaded_contact(at, now.motion, now, now.case, model)
+        ends = jnp.stack([*torques_along_face(zero, loaded.forces, at, now, model)])
+    return RestingContact(
+        load,
+        load_q,
+        of_points.N,
+        of_points.F,
+        of_points.v,
+        of_points.u,
+        of_points_q.N,
+        of_points_q.F,
+        _open_corners(q, state, model),
+        jax.jacfwd(_open_corners)(q, state, model),
+        contact_kinematics(place, natural, model.block, model.reading).v,
+        natural,
+        q[4] - q[5] if has_torsion(model) else zero,
+        ends,
+        model.law.energy_at(at, model.law.stretch_at(at, now.u_s, now.mode), now.mode),
+    )
+
+
+class _OfPoints(NamedTuple):
+    """Numbers of each point of contact, (points,)."""
+
+    N: Any
+    F: Any
+    v: Any
+    u: Any
+
+
+def _loads(q: Any, state: State, model: Model) -> tuple[Any, _OfPoints]:
+    """The force on each coordinate, and what there is at each point."""
+    now = _resting_state(q, state, model)
+    place = pose(now.motion.x, now.motion.y, now.motion.theta)
+    at = contact_kinematics(place, now.case, model.block, model.reading)
+    forces, load = loaded_contact(at, now.motion, now, now.case, model)
+    R_x, R_y, M = filled((load.R_x, load.R_y, load.M), at.v)
+    if isinstance(at, FaceKinematics) and isinstance(forces, SummedForces):
+        of_each = [own.N for own in forces.points], [own.F for own in forces.points]
+        numbers = *of_each, [own.v for own in at.points], [own.u for own in at.points]
+    else:
+        numbers = [forces.N], [forces.F], [at.v], [at.u]
+    moves = jnp.array([model.parts.has(name, i) for name in COORDINATES for i in (0, 1)])
+    on_each = jnp.where(moves, jnp.stack([R_x, -R_x, R_y, -R_y, *M]), 0.0)
+    return on_each, _OfPoints(*(jnp.stack(filled(tuple(a), at.v)) for a in numbers))
+
+
+def _open_corners(q: Any, state: State, model: Model) -> Any:
+    """The penetration of the upper and the lower corners where the faces are apart, or of each point."""
+    z = _resting_state(q, state, model).motion
+    place = pose(z.x, z.y, z.theta)
+    if model.law.has_points:
+        at = contact_kinematics(place, state.case, model.block, model.reading)
+        assert isinstance(at, FaceKinematics)
+        return jnp.stack([own.v for own in at.points])
+    return jnp.stack([contact_kinematics(place, case, model.block, model.reading).v for case in CORNERS])
+
+
+def _resting_state(q: Any, state: State, model: Model) -> State:
+    """The state at rest with these displacements (6,), as compiled loops carry it."""
+    still = (jnp.zeros((), q.dtype),) * 2
+    motion = Motion((q[0], q[1]), (q[2], q[3]), (q[4], q[5]), still, still, still)
+    sliders, modes = (state.u_s, state.mode) if model.law.has_points else (state.u_s[0], state.mode[0])
+    return State(motion, model.law.carried_slider(sliders, modes), model.law.carried_mode(modes), state.case)

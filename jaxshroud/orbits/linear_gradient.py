@@ -1,0 +1,120 @@
+"""The exact derivatives of what a linear motion amounts to, by the closed form of the motion."""
+
+from collections.abc import Sequence
+from typing import cast
+
+import jax
+import numpy as np
+
+from jaxshroud.batch.linear_motion import linear_flow, motions_with_tangents
+from jaxshroud.batch.linear_runs import linear_status
+from jaxshroud.batch.tangents import direction
+from jaxshroud.batch.xla import one_lane, repeat_lane
+from jaxshroud.march.method import Choices
+from jaxshroud.model.linear import power_reduction
+from jaxshroud.model.modes import Mode, Status
+from jaxshroud.model.prepared import State
+from jaxshroud.orbits.amplitude_slopes import AmplitudeSlope, largest_level
+from jaxshroud.orbits.gradient import PowerGradient, directional_derivatives, quantity_level
+from jaxshroud.orbits.orbit import PeriodicOrbit, area_and_free_power
+from jaxshroud.scene.checks import NumericalError
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.quantities import Power, Quantity, amplitude_of, is_reduction
+from jaxshroud.scene.scene import Scene, without_given
+
+LINEAR_FLAG = "linear"  # the motion is in closed form
+
+
+def linear_gradient(scene: Scene, wrt: Sequence[str], of: Quantity, steps: int, method: Choices) -> PowerGradient:
+    """The derivatives of a quantity of one scene whose contact stays in a state.
+
+    Raises:
+        NumericalError: Contact leaves its state, or the motion is not finite.
+    """
+    lane = one_lane(without_given(scene))
+    directions = jax.tree.map(lambda *a: np.stack(a), *(direction(scene, key) for key in wrt))
+    value, by = motions_with_tangents(lane, directions, len(wrt))
+    status = int(linear_status(value)[0])
+    if status != Status.OK:
+        raise NumericalError(f"The closed form of contact that stays {scene.parts.contact} does not hold here.")
+    flow, flow_by = linear_flow(value, lane), linear_flow(by, lane)
+    scenes = repeat_lane(without_given(scene), len(wrt))
+    cycle = _as_orbit(scene, value, steps, method)
+    amplitude = amplitude_of(of)
+    both = {}
+    if amplitude is None:
+        found = _power_slopes(cast(Power, of), scenes, directions, flow, flow_by)
+        if is_reduction(of):
+            both = {"P_d": cycle.P_d, "P_d_vibration": cycle.P_d_vibration}
+    else:
+        row, counts = amplitude.row, scene.layout.counting
+        levels = _amplitudes(amplitude.measure, value, by, row)
+        found = largest_level(
+            [(float(level), slope) for level, slope in zip(levels[0][counts], levels[1][counts], strict=True)],
+            "blades tie",
+        )
+    zeros = np.zeros(len(wrt))
+    flags = (*found.flags, LINEAR_FLAG)
+    return PowerGradient("periodic", found.slope, zeros, found.level, 0.0, cycle, 0.0, 0.0, flags, **both)
+
+
+def _power_slopes(of: Power, scenes: Scene, directions: Scene, flow, flow_by) -> AmplitudeSlope:
+    """A power and its derivatives along the directions."""
+    squares, by = flow.power, flow_by.power
+    if of == "P_d_vibration":
+        squares, by = ((one.power, np.stack(one.means, axis=1)) for one in (flow, flow_by))
+    slope = np.asarray(directional_derivatives(scenes, squares, directions, by, of), float)
+    level = np.asarray(quantity_level(of, scenes, squares), float)[0]
+    if of == "P_d_worst":
+        worst = largest_level([(-one, -own) for one, own in zip(level, slope.T, strict=True)], "blades tie")
+        return AmplitudeSlope(-worst.level, -worst.slope, worst.flags)
+    return AmplitudeSlope(float(level), slope)
+
+
+def _amplitudes(measure: str, value, by, row: int) -> tuple[np.ndarray, np.ndarray]:
+    """The amplitudes of the blades (blades,), and their derivatives (blades, directions)."""
+    number = lambda name: (np.asarray(getattr(value, name))[0, row], np.asarray(getattr(by, name))[:, row].T)
+    (mean, mean_by), (square, square_by) = number("first"), number("second")
+    if measure == "mean":
+        return mean, mean_by
+    if measure == "rms":
+        rms = np.sqrt(np.maximum(square - mean**2, 0.0))
+        with np.errstate(invalid="ignore", divide="ignore"):  # a blade that stands still
+            return rms, (square_by - 2 * mean[:, None] * mean_by) / (2 * rms[:, None])
+    (high, high_by), (low, low_by) = number("highest"), number("lowest")
+    upper = high - mean >= mean - low
+    return np.where(upper, high - mean, mean - low), np.where(upper[:, None], high_by - mean_by, mean_by - low_by)
+
+
+def _as_orbit(scene: Scene, value, steps: int, method: Choices) -> PeriodicOrbit:
+    """The motion as an orbit of one period, without multipliers."""
+    area, P_0 = area_and_free_power(scene)
+    P, counts = area * np.asarray(value.power)[0], scene.layout.counting
+    first = Motion(*(np.asarray(part)[0, 0, i] for part in (value.displacement, value.speed) for i in range(3)))
+    shape = (*scene.layout.interface_shape, *((scene.points,) if scene.points else ()))
+    mode = Mode.APART if scene.parts.contact == "apart" else Mode.STICK
+    start = State(
+        first, np.zeros(shape), np.full(shape, mode, np.int32), np.zeros(scene.layout.interface_shape, np.int32)
+    )
+    squares = np.asarray(value.power)[:1], np.stack([np.asarray(a)[:1, counts] for a in value.means], axis=1)
+    vibration = float(np.asarray(quantity_level("P_d_vibration", one_lane(without_given(scene)), squares))[0])
+    return PeriodicOrbit(
+        scene=scene,
+        start=start,
+        q=1,
+        P=P,
+        P_0=P_0,
+        P_d=float(power_reduction(P[counts].sum(), P_0[counts].sum())),
+        P_d_vibration=vibration,
+        residual=0.0,
+        multipliers=np.zeros(scene.state_size, complex),
+        conditioning=0.0,
+        doubt=0.0,
+        flags=(),
+        updates=0,
+        periods=0,
+        steps_per_period=steps,
+        method=method,
+        status=int(Status.OK),
+        jacobian=None,
+    )

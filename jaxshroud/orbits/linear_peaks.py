@@ -1,0 +1,61 @@
+"""The peaks of an amplitude over a number of a scene whose contact stays in one state, by its closed form."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from jaxshroud.orbits.peaks import Peak
+from jaxshroud.scene.layout import Layout
+from jaxshroud.scene.quantities import counted_amplitude
+from jaxshroud.signals.waves import HALF_POWER
+
+ZOOMS, VALUES = 6, 33  # closer looks at a peak, or at where its amplitude has fallen to half power, and their values
+
+Levels = Callable[[np.ndarray], np.ndarray]  # values (n,) -> amplitudes of all blades (n, blades), NaN where none is
+
+
+def linear_peaks(amplitudes: Levels, values: np.ndarray, swept: np.ndarray, layout: Layout) -> list[Peak]:
+    """The peaks between the ends of the values of a sweep.
+
+    Args:
+        amplitudes: The amplitudes at any values of the number.
+        values: The values of the sweep (n,), in order.
+        swept: The amplitudes there, (n, blades).
+        layout: The layout of the blades.
+    """
+    level = lambda at: counted_amplitude(amplitudes(at), layout)
+    here = counted_amplitude(swept, layout)
+    inner = np.flatnonzero((here[1:-1] > here[:-2]) & (here[1:-1] >= here[2:])) + 1
+    return [_linear_peak(amplitudes, level, values, here, int(i)) for i in inner]
+
+
+def _linear_peak(amplitudes: Levels, level: Levels, values: np.ndarray, here: np.ndarray, i: int) -> Peak:
+    low, high, top = float(values[i - 1]), float(values[i + 1]), float(values[i])
+    for _ in range(ZOOMS):
+        fine = np.linspace(low, high, VALUES)
+        place = int(np.nanargmax(level(fine)))
+        top, low, high = float(fine[place]), float(fine[max(place - 1, 0)]), float(fine[min(place + 1, VALUES - 1)])
+    blades = amplitudes(np.array([top]))[0]
+    size = float(level(np.array([top]))[0])
+    ends, reasons = zip(*(_half_power_end(level, values, here, i, top, size, side) for side in (-1, 1)), strict=True)
+    reason = next(filter(None, reasons), "")
+    first, last = (np.nan, np.nan) if reason else ends
+    return Peak(0, top, size, 1, True, first, last, reason, blades)
+
+
+def _half_power_end(
+    level: Levels, values: np.ndarray, here: np.ndarray, i: int, top: float, size: float, side: int
+) -> tuple[float, str]:
+    """Where the amplitude has fallen to half power on a side of a peak; or why there is no such place."""
+    beyond = range(i + side, -1 if side < 0 else len(values), side)
+    end = next((k for k in beyond if not here[k] > size * HALF_POWER), None)
+    if end is None:
+        return np.nan, "it does not fall to half power within the range"
+    if not np.isfinite(here[end]):
+        return np.nan, "contact leaves its state before half power"
+    near, far = (top, float(values[end])) if end == i + side else (float(values[end - side]), float(values[end]))
+    for _ in range(ZOOMS):
+        fine = np.linspace(near, far, VALUES)
+        k = int(np.argmax(~(level(fine) > size * HALF_POWER)))
+        near, far = float(fine[max(k - 1, 0)]), float(fine[k])
+    return far, ""
