@@ -229,9 +229,9 @@ def _swing(scene: Scene, held: HeldContact) -> tuple[_Forced, Any]:
         if n == 0:
             continue
         omega = scene.drive.frequency(n)
-        forces = jnp.where(moves, jnp.concatenate([one.load(name) for name in COORDINATES]), 0.0)
-        phase = jnp.tile(one.phase, 3)
-        Q = lax.complex(over(forces * jnp.cos(phase)), over(forces * jnp.sin(phase)))
+        parts = [one.parts(name) for name in COORDINATES]
+        re, im = (jnp.where(moves, jnp.concatenate(part), 0.0) for part in list(zip(*parts, strict=True))[:2])
+        Q = lax.complex(over(re), over(im))
         answer = jnp.linalg.solve(lax.complex(K - omega**2 * M, omega * C), Q)
         waves[n] = lax.complex(free, jnp.zeros_like(free)) @ answer
     return _Forced(q.ravel(), waves), at

@@ -11,7 +11,7 @@ from jaxshroud.cache.programs import is_traced
 from jaxshroud.scene.blades import BladeMatrices, Blades
 from jaxshroud.scene.checks import InputError, type_argument, word_argument
 from jaxshroud.scene.coupling import Aero, Coupling
-from jaxshroud.scene.drive import Drive, Harmonic
+from jaxshroud.scene.drive import ComplexHarmonic, Drive, Harmonic
 from jaxshroud.scene.fields import PerBlade, per_blade, scalar
 from jaxshroud.scene.keys import (
     ALL_KEYS,
@@ -372,7 +372,8 @@ def start_entries(start: Start) -> dict[str, str]:
 def _drive_of(entries: Mapping[str, Any]) -> Drive:
     """The drive from the entries of its table, those of its harmonics among them."""
     plain, of = split_harmonics(entries)
-    return Drive(**{**dict.fromkeys(SINGLE_LOADS), **plain}, harmonic=tuple(Harmonic(**one) for one in of) or None)
+    harmonics = tuple((Harmonic if "F" in one else ComplexHarmonic)(**one) for one in of)
+    return Drive(**{**dict.fromkeys(SINGLE_LOADS), **plain}, harmonic=harmonics or None)
 
 
 def _contact_of(tables: Mapping[str, Mapping[str, Any]]) -> Contact:
