@@ -328,10 +328,14 @@ def _contact_course(scene: Scene, held: HeldContact, at: Any, swing: _Forced, co
     mu = jnp.broadcast_to(jnp.atleast_1d(scene.friction.mu), held.case.shape)[:, None]
     k_d = jnp.broadcast_to(jnp.atleast_1d(scene.friction.k_d), held.case.shape)[:, None]
     rubs = (mu > 0) & (k_d > 0) & (scene.parts.friction != "none")
-    limit = lambda sign: _Forced(
-        mu * N.mean + sign * F.mean, {n: mu * a + sign * F.waves[n] for n, a in N.waves.items()}
-    )
-    both_ways = _least(limit(1.0), count), _least(limit(-1.0), count)
+    times_mu = lambda a: lax.complex(mu * a.real, mu * a.imag)
+
+    def limit(sign: int) -> _Forced:
+        """Mu N + F, or mu N - F."""
+        add = jnp.add if sign > 0 else jnp.subtract
+        return _Forced(add(mu * N.mean, F.mean), {n: add(times_mu(a), F.waves[n]) for n, a in N.waves.items()})
+
+    both_ways = _least(limit(1), count), _least(limit(-1), count)
     slip = jnp.minimum(*both_ways)
     other = jnp.min(jnp.where(apart | ~rubs, jnp.inf, (both_ways[0] + both_ways[1]) / 2), axis=-1)
     margins = Margins(
