@@ -47,16 +47,13 @@ from .scene.checks import InputError as InputError
 from .scene.checks import KeyNameError as KeyNameError
 from .scene.checks import NumericalError as NumericalError
 from .scene.checks import SceneError as SceneError
-from .scene.checks import StepTooLongError as StepTooLongError
 from .scene.checks import StoreError as StoreError
 from .scene.config import load as load
 from .scene.drive import Drive as Drive
 from .scene.drive import Harmonic as Harmonic
-from .scene.file import Axis as Axis
 from .scene.file import SceneFile as SceneFile
 from .scene.grids import scenes_from as scenes_from
 from .scene.grids import stack_scenes as stack_scenes
-from .scene.keys import AT_REST as AT_REST
 from .scene.keys import Motion as Motion
 from .scene.laws import FrictionLaw as FrictionLaw
 from .scene.laws import Laws as Laws

@@ -24,7 +24,8 @@ or a list in a [row of blades](#rows-of-blades). Lists have brackets wherever th
 MORE = """
 `[contact] points` is no number of the scene: a whole number from 2 to 16, or a list of places up the face from its
 middle, with a list of `shares`, makes the faces touch at
-[several points](model.md#faces-with-several-points-of-contact).
+[several points](model.md#faces-with-several-points-of-contact). A listed place is a number of its own,
+`contact.point[0].place` [m] for the first one, which can be set, varied, differentiated and fitted like all others.
 
 ## Data as engineers have them
 

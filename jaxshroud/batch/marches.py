@@ -20,7 +20,7 @@ from jaxshroud.march.stepper import POWER_SERIES, RUNGE_KUTTA, stepper_for
 from jaxshroud.model.prepared import law_type
 from jaxshroud.model.spring_contact import NoContact
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.layout import LIMITED, PAIR, require_steps
+from jaxshroud.scene.layout import COUPLED_WITHOUT_CONTACT, LIMITED, PAIR, require_steps
 from jaxshroud.scene.scene import Scene
 
 PAIRS = March(
@@ -83,6 +83,8 @@ def require_march(scenes: Scene, method: Choices) -> None:
     march, stepper, law = march_of(scenes), stepper_for(method), law_type(scenes)
     if march is not ROWS and scenes.blade_matrices is not None:
         raise InputError("Blades with matrices march in rows so far: the pair's kernels know lumped blades.")
+    if scenes.is_coupled and law is NoContact:
+        raise InputError(COUPLED_WITHOUT_CONTACT)
     if not march.knows(law):
         raise InputError(LIMITED[f'`parts.contact` = "{scenes.parts.contact}"'].refusal())
     if stepper not in march.steppers:

@@ -102,7 +102,7 @@ def _shapes_of_trial(scene: Scene, method: Choices) -> tuple[Any, Any]:
 
 def _first_trial(scene: Scene, method: Choices) -> tuple[Lane, Fixed]:
     """The arguments of the first trial step: the lane at its start (leading axis of one), and its constants."""
-    scenes, states, period = one_lane((scene, initial_state(scene.initial), scene.drive.period))
+    scenes, states, period = one_lane((scene, initial_state(scene.initial, scene.points), scene.drive.period))
     stop = jnp.ones((1,), jnp.int32)
     steps = time_grid(jnp.zeros_like(period), stop.astype(period.dtype), period)
     return begin_lanes(scenes, states, method), Fixed(jax.vmap(prepared_model)(scenes), steps, stop)

@@ -186,9 +186,11 @@ def row_strobe(scenes: Scene, states: State, transient: int, kept: int, steps: i
 
 def _check_row_start(scene: Scene, state: State) -> None:
     """Raise InputError if the state is not one of such a row."""
-    sizes = scene.layout.blades, scene.layout.interfaces
-    if (jnp.shape(state.motion.x), jnp.shape(state.u_s)) != ((sizes[0],), (sizes[1],)):
-        raise InputError("Argument `state` must have the motion of {} blades and contact at {}.".format(*sizes))
+    blades, interfaces, points = scene.layout.blades, scene.layout.interfaces, scene.points
+    of_contact = (interfaces, points) if points else (interfaces,)
+    if (jnp.shape(state.motion.x), jnp.shape(state.u_s)) != ((blades,), of_contact):
+        at = f"{interfaces}, {points} points each" if points else f"{interfaces}"
+        raise InputError(f"Argument `state` must have the motion of {blades} blades and contact at {at}.")
 
 
 def _moments_of_row(begin: Admitted, schedule: Schedule) -> SampledMoments:

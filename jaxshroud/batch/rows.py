@@ -34,7 +34,16 @@ from jaxshroud.model.modes import FLAT, Status
 from jaxshroud.model.points_contact import points_last
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import Ledger
-from jaxshroud.model.row import RowModel, blade_energies, blade_positions, clusters, over, pair_states, prepared_row
+from jaxshroud.model.row import (
+    RowModel,
+    blade_energies,
+    blade_positions,
+    clusters,
+    coupling_energies,
+    over,
+    pair_states,
+    prepared_row,
+)
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
@@ -91,9 +100,11 @@ def march_rows(lanes: Lane, fixed: Fixed, method: Choices, each: EachLane, passe
 
 
 def energies_in_rows(state: State, model: RowModel, each: EachLane) -> Float[Array, " lanes"]:
-    """The energy stored in blades and contact springs [J]."""
+    """The energy stored in blades, in the springs between them and in contact springs [J]."""
     springs = over(each, contact_spring_energy, pair_states(state, model), model.interfaces)
-    return jnp.sum(blade_energies(state.motion, model, each), axis=0) + jnp.sum(springs, axis=0)
+    own = jnp.sum(blade_energies(state.motion, model, each), axis=0) + jnp.sum(springs, axis=0)
+    between = coupling_energies(state.motion, model)
+    return own if is_zero(between) else own + jnp.sum(between, axis=0)
 
 
 def row_jumps(accumulator: Accumulator) -> EnergyJumps:

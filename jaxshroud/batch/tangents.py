@@ -226,8 +226,12 @@ def direction(scene: Scene, key: str) -> Scene:
 
     rates = jax.jvp(dependent, (old,), (unit,))[1] if given else {}
     rates |= {} if holder is given else {row.name: unit}
+    zeros = jax.tree.map(np.zeros_like, without_given(scene))
     places = lambda s: [field_of(s, name) for name in rates]
-    return eqx.tree_at(places, jax.tree.map(np.zeros_like, without_given(scene)), list(rates.values()))
+    along = eqx.tree_at(places, zeros, list(rates.values()))
+    if row.name not in along.given:
+        return along
+    return eqx.tree_at(lambda s: s.given[row.name], along, unit)
 
 
 LANES_PER_CHUNK = 16  # that share one compiled function

@@ -13,7 +13,7 @@ from jaxshroud.scene.shipped import aliases, shipped
 def check_command(options: argparse.Namespace) -> None:
     """Print the data sheet of a scene; with --out, write it, and draw its Campbell diagram."""
     from jaxshroud.cli.run_options import load_scene
-    from jaxshroud.verbs.sheet_tables import crossing_rows, left_out, lines_of, mode_rows, rows_of
+    from jaxshroud.verbs.sheet_tables import crossing_rows, flow_rows, left_out, lines_of, mode_rows, rows_of
 
     start, file, command = time.perf_counter(), load_scene(options), COMMANDS["check"]
     if options.out is not None:
@@ -22,6 +22,8 @@ def check_command(options: argparse.Namespace) -> None:
         sheet = jaxshroud.check(file, **{name: getattr(options, name) for name in command.arguments})
     print_columns(file.title or file.name, *rows_of(sheet))
     print_columns("", *mode_rows(sheet))
+    if sheet.flow_modes:
+        print_columns("", *flow_rows(sheet))
     print_columns("", *crossing_rows(sheet))
     lines = lines_of(sheet)
     if rest := left_out(sheet):

@@ -127,7 +127,7 @@ def _scene_changes(path: FilePath, ds: "xr.Dataset", scene_file: SceneFile) -> t
         if old != new:
             change = f"its model has {name} = {_value_text(old)}, but this one {_value_text(new)}"
             _fail(path, f"{change}; give a file of the same model")
-    names = ["row", *(table for table in PHYSICS_TABLES if table not in ("initial", "parts"))]
+    names = ["row", "aero", *(table for table in PHYSICS_TABLES if table not in ("initial", "parts"))]
     tables = {name: (stored.tables.get(name, {}), scene_file.tables.get(name, {})) for name in names}
     return tuple(
         f"{table}.{key} was {_value_text(old)}, is {_value_text(new)}"

@@ -19,7 +19,8 @@ from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State, touches_at_corners
 from jaxshroud.model.rhs import rhs
-from jaxshroud.model.row import Each, OfInterfaces, RowModel, both_sides, over, pair_states
+from jaxshroud.model.row import Each, OfInterfaces, RowModel, over, pair_states
+from jaxshroud.model.sides import both_sides
 from jaxshroud.scene.keys import Motion
 
 
@@ -109,7 +110,7 @@ def of_blades(one: Observable, f: Callable[..., Any], *trees: Any) -> Any:
 
 def is_of_blades(tree: Any) -> bool:
     """Whether a tree is a plain tuple of numbers, one of each blade."""
-    return type(tree) is tuple and len(tree) > 0 and not isinstance(tree[0], tuple)
+    return type(tree) is tuple and len(tree) > 0 and not isinstance(tree[0], tuple | None)
 
 
 def _of_side(i: int, tree: Any) -> Any:

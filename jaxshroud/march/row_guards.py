@@ -37,7 +37,7 @@ def row_torques(
         return ZERO, ZERO
     cluster = clusters(state.case, model)
     effects = over(each, partial(interface_effects, recorded=ONLY_FORCES), pair_states(state, model), model.interfaces)
-    own = rates_of_blades(state.motion, wave, blade_forces(effects, model), model, ONLY_FORCES, each)
+    own = rates_of_blades(state.motion, wave, blade_forces(effects, state.motion, model), model, ONLY_FORCES, each)
     own = model.blades.turning(own.acceleration)
     return relative_torques(own, state.case, cluster, model), joint_inertia(cluster, model)
 

@@ -62,6 +62,7 @@ from jaxshroud.model.row import (
     blade_energies,
     clusters,
     clusters_of,
+    coupling_energies,
     over,
     pair_states,
 )
@@ -266,6 +267,8 @@ def _as_flat(
     parallel = model.blades.with_turn(z, as_one(shroud.theta), as_one(shroud.v_theta), model.inverse)
     before, now_parallel, still = lax.stop_gradient((z, parallel, model))
     lost = jnp.sum(blade_energies(before, still, each) - blade_energies(now_parallel, still, each), axis=0)
+    if not is_zero(between := coupling_energies(before, still)):
+        lost = lost + jnp.sum(between - coupling_energies(now_parallel, still), axis=0)
     return State(parallel, state.u_s, state.mode, state.case), jnp.where(now, lost, 0.0)
 
 

@@ -18,6 +18,8 @@ from jaxshroud.march.method import StepCount
 from jaxshroud.march.tableau import MIN_STEPS, RK4, Tableau, TaylorOptions
 from jaxshroud.model.arithmetic import Scalar, filled
 from jaxshroud.model.contact_law import ContactLaw
+from jaxshroud.model.coupling import coupling_bounds, couplings_of_pairs
+from jaxshroud.model.face_points import face_kinematics
 from jaxshroud.model.geometry import Corners, contact_kinematics, corners, pose
 from jaxshroud.model.linear import free_reach, steady_amplitudes
 from jaxshroud.model.prepared import prepared_law
@@ -75,20 +77,23 @@ class _Stiffness(NamedTuple):
 
 
 def _stiffness_of(scene: Scene) -> _Stiffness:
-    b, law = scene.blades, prepared_law(scene)
-    block = corners(scene.shroud, scene.contact.reading)
+    b, law = scene.running_blades, prepared_law(scene)
+    block = corners(scene.running_shroud, scene.contact.reading)
     mass = jnp.concatenate([b.m, b.inertia_y, b.I])
     moves = jnp.array([scene.parts.has(name, i) for name in ("x", "y", "theta") for i in (0, 1)])
     mobility = jnp.where(moves, 1 / mass, 0.0)
     blades = jnp.diag(jnp.concatenate([b.k_x, b.k_y, b.k_T]))
+    between = coupling_bounds(scene) if scene.is_coupled else None
+    engaged = blades if between is None else blades + between.stiffness
     k, k_d, haste = filled((law.normal_stiffness, law.tangential_stiffness, law.slider_haste), mass[0])
 
     def touching(case: Int[Array, ""]) -> Float[Array, "6 6"]:
         v_q, u_q = contact_gradients(case, block, mass)
-        return blades + k * jnp.outer(v_q, v_q) + k_d * jnp.outer(u_q, u_q)
+        return engaged + k * jnp.outer(v_q, v_q) + k_d * jnp.outer(u_q, u_q)
 
-    stiffness = jnp.concatenate([jax.vmap(touching)(jnp.array([3, 1], jnp.int32)), blades[None]])
+    stiffness = jnp.concatenate([jax.vmap(touching)(jnp.array([3, 1], jnp.int32)), engaged[None]])
     damping = jnp.concatenate([b.c_x, b.c_y, b.c_T]) * mobility / 2
+    damping = damping if between is None else damping + between.damping * mobility / 2
     excess = damping**2 - jnp.diag(blades) * mobility
     fading = jnp.max(jnp.where(excess > 0, damping + jnp.sqrt(jnp.maximum(excess, 0.0)), 0.0))
     return _Stiffness(stiffness * jnp.sqrt(jnp.outer(mobility, mobility))[None], fading, haste, _relaxation(law, scene))
@@ -100,7 +105,7 @@ def _relaxation(law: ContactLaw, scene: Scene) -> Scalar:
         return jnp.zeros_like(scene.drive.omega)
     free, lever = steady_amplitudes(scene), (scene.shroud.l_oa + scene.shroud.l_ab) / 2
     reach = jnp.sum(free_reach(free, "x") + free_reach(free, "y") + lever * free_reach(free, "theta"))
-    return law.relaxation(scene.drive.frequency(max(free)) * (reach + jnp.abs(scene.shroud.gap)))
+    return law.relaxation(scene.drive.frequency(max(free)) * (reach + jnp.abs(scene.running_shroud.gap)))
 
 
 def _frequencies(of: _Stiffness, xp: ModuleType, eigenvalues: Callable[[Any], Any]) -> tuple[Any, Any]:
@@ -135,6 +140,17 @@ def contact_gradients(
     def v_and_u(q):
         at = contact_kinematics(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), jnp.asarray(case), block, frozenset())
         return jnp.stack([at.v, at.u])
+
+    v_q, u_q = jax.jacfwd(v_and_u)(jnp.zeros_like(like))
+    return v_q, u_q
+
+
+def point_gradients(block: Corners, like: Array) -> tuple[Float[Array, "points 6"], Float[Array, "points 6"]]:
+    """dv/dq and du/dq at each point of faces that touch at several, see `contact_gradients`."""
+
+    def v_and_u(q):
+        at = face_kinematics(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), block)
+        return jnp.stack([jnp.stack([point.v for point in at.points]), jnp.stack([point.u for point in at.points])])
 
     v_q, u_q = jax.jacfwd(v_and_u)(jnp.zeros_like(like))
     return v_q, u_q
@@ -296,7 +312,7 @@ def _bounding_pairs(scenes: Scene) -> Scene:
 
 @kept()
 def _pairs_of_rows(rows: Scene) -> Scene:
-    """The pairs at every interface of rows, with twice the stiffness of contact.
+    """The pairs at every interface of rows, with twice the stiffness of contact and of what couples them else.
 
     A blade between two neighbours is held on both sides, and no blade by more.
     """
@@ -304,7 +320,8 @@ def _pairs_of_rows(rows: Scene) -> Scene:
     def pairs(row: Scene) -> Scene:
         at = jax.vmap(lambda j: pair_at(row, j))(jnp.arange(row.layout.interfaces))
         stiffness = lambda s: (s.contact.k, s.friction.k_d)
-        return eqx.tree_at(stiffness, at, tuple(2 * k for k in stiffness(at)))
+        at = eqx.tree_at(stiffness, at, tuple(2 * k for k in stiffness(at)))
+        return eqx.tree_at(lambda s: (s.coupling, s.aero), at, couplings_of_pairs(row)) if row.is_coupled else at
 
     return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), jax.vmap(pairs)(rows))
 

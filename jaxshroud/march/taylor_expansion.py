@@ -87,8 +87,9 @@ def without_derivatives(expansion: TaylorExpansion) -> TaylorExpansion:
 
 def per_radian(model: Model, unit: Scalar) -> Model:
     """The model with time in units of `unit` seconds: masses stay, and forces are in kg m / unit^2."""
-    forces = lambda m: (m.blades.k_x, m.blades.k_y, m.blades.k_T, *m.drive.loads)
-    dampers = lambda m: (m.blades.c_x, m.blades.c_y, m.blades.c_T)
+    between = lambda m, kind: [] if m.coupling is None else [getattr(m.coupling, f"{kind}_{name}") for name in "xyT"]
+    forces = lambda m: (m.blades.k_x, m.blades.k_y, m.blades.k_T, *m.drive.loads, *between(m, "k"))
+    dampers = lambda m: (m.blades.c_x, m.blades.c_y, m.blades.c_T, *between(m, "c"))
     springs = lambda m: linear_law(m.law).stiffnesses
     for places, factor in ((forces, unit * unit), (dampers, unit), (springs, unit * unit)):
         scaled = jax.tree.map(lambda a, factor=factor: a * factor, places(model))

@@ -27,6 +27,10 @@ class BladeForces(NamedTuple):
     y: Any
     M: Any  # clockwise, about the block's centre [N m]
 
+    def plus(self, other: "BladeForces") -> "BladeForces":
+        """The sum of both."""
+        return BladeForces(*(a + b for a, b in zip(self, other, strict=True)))
+
 
 class InverseMasses(NamedTuple):
     """The reciprocal masses, as products are cheaper than quotients; absent where a block cannot move."""

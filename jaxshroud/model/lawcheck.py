@@ -75,7 +75,7 @@ def check_laws(scene: Scene) -> None:
     laws = scene.laws
     if not isinstance(laws, Laws):
         raise InputError("This scene has no own laws; see js.with_laws.")
-    size, omega = jnp.abs(scene.shroud.gap) + 1e-9, scene.drive.omega
+    size, omega = jnp.abs(scene.running_shroud.gap) + 1e-9, scene.drive.omega
     zero = jnp.zeros_like(omega)
     normal = TestedLaw("normal", _normal_cycle, laws.normal(zero, zero)[1], "v = 0", "v", "v = {:.3g} m")
     largest = zero

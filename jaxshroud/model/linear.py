@@ -11,6 +11,7 @@ from jaxtyping import Array, Complex, Float
 
 from jaxshroud.model.arithmetic import Scalar, sincos_turns, sine_versine, summed
 from jaxshroud.model.blade import inverse_of, matrix_rows, times_vector
+from jaxshroud.model.coupled_response import coupled_response
 from jaxshroud.model.drive import multiple_angle
 from jaxshroud.model.geometry import gyration
 from jaxshroud.scene.drive import DriveHarmonic, MeanLoad
@@ -35,7 +36,8 @@ class Amplitudes(NamedTuple):
 def steady_amplitudes(scene: Scene) -> dict[int, Amplitudes]:
     """The steady response of the free blades to each harmonic of the drive (Sec. 3.1), by its order.
 
-    It is infinite at an undamped natural frequency, where rounding alone tells both frequencies apart.
+    Free blades do not touch, but are coupled as in the scene. It is infinite at an undamped natural frequency, where
+    rounding alone tells both frequencies apart.
     """
     return {n: _response_to(scene, n, one) for n, one in scene.drive.harmonics().items()}
 
@@ -76,6 +78,8 @@ def means_from_static(scene: Scene, means: Any) -> Any:
 
 def _response_to(scene: Scene, order: int, load: DriveHarmonic | MeanLoad) -> Amplitudes:
     """The steady response of the free blades to one harmonic."""
+    if scene.is_coupled:
+        return Amplitudes(*coupled_response(scene, scene.drive.frequency(order), load))
     response = _steady_response if scene.blade_matrices is None else _elastic_response
     return response(scene, scene.drive.frequency(order), load)
 

@@ -12,6 +12,7 @@ from typing import Any, Literal, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.model.coupling import CouplingMatrices, coupling_matrices
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.drive import DriveHarmonic, MeanLoad
 from jaxshroud.scene.layout import COORDINATES
@@ -30,10 +31,24 @@ class LinearContact(NamedTuple):
     damping: Any  # (3 N,)
     stiffness: Any  # (3 N,)
     moves: np.ndarray  # (3 N,) whether the model has that coordinate
-    v_q: Any  # (E, 3 N) gradient of the penetration of the upper corners of each interface
+    v_q: Any  # (E, 3 N) gradient of the penetration of the upper corners of each interface, or of each of its points
     u_q: Any  # (E, 3 N) gradient of their slide
     k: Any  # (E,) normal spring [N/m]
     k_d: Any  # (E,) tangential spring [N/m]
+    turns_as_one: np.ndarray  # () whether blocks whose faces touch turn together: those of several points need not
+    coupled: CouplingMatrices | None = None  # (3 N, 3 N) each, between blades without contact
+
+    @property
+    def own_stiffness(self) -> Any:
+        """The stiffness of all blades without contact, (3 N, 3 N)."""
+        own = self.stiffness[:, None] * np.eye(len(self.stiffness), dtype=self.stiffness.dtype)
+        return own if self.coupled is None else own + self.coupled.stiffness
+
+    @property
+    def own_damping(self) -> Any:
+        """The damping of all blades, (3 N, 3 N)."""
+        own = self.damping[:, None] * np.eye(len(self.damping), dtype=self.damping.dtype)
+        return own if self.coupled is None else own + self.coupled.damping
 
 
 class NaturalModes(NamedTuple):
@@ -49,13 +64,16 @@ def linear_contact(scene: Scene, gradients: Any) -> LinearContact:
 
     Args:
         scene: A pair or a row, with its mistuning.
-        gradients: dv/dq and du/dq of a pair where the upper corners meet, see `contact_gradients`.
+        gradients: dv/dq and du/dq of a pair where the upper corners meet, see `contact_gradients`, or of each point.
     """
     if scene.blade_matrices is not None:
         raise InputError("Natural modes with contact are those of lumped blades so far, not of blades by matrices.")
     b, count = scene.mistuned_blades, scene.blades.m.shape[-1]
-    k, k_d = jnp.atleast_1d(scene.k), jnp.atleast_1d(scene.friction.k_d)
-    at_interfaces = lambda gradient: jnp.stack([_at_interface(gradient, j, count) for j in range(len(k))])
+    points, interfaces = scene.contact.points, scene.layout.interfaces
+    of_each = lambda k: jnp.atleast_1d(k) if points is None else jnp.outer(jnp.atleast_1d(k), points.shares).ravel()
+    at_interfaces = lambda gradient: jnp.stack(
+        [_at_interface(own, j, count) for j in range(interfaces) for own in jnp.atleast_2d(gradient)]
+    )
     return LinearContact(
         mass=jnp.concatenate([b.m, b.inertia_y, b.I]),
         damping=jnp.concatenate([b.c_x, b.c_y, b.c_T]),
@@ -63,9 +81,19 @@ def linear_contact(scene: Scene, gradients: Any) -> LinearContact:
         moves=np.array([scene.parts.has(name, min(i, 1)) for name in COORDINATES for i in range(count)]),
         v_q=at_interfaces(gradients[0]),
         u_q=at_interfaces(gradients[1]),
-        k=k,
-        k_d=k_d,
+        k=of_each(scene.k),
+        k_d=of_each(scene.friction.k_d),
+        turns_as_one=np.array(points is None),
+        coupled=_coupled(scene) if scene.is_coupled else None,
     )
+
+
+def _coupled(scene: Scene) -> CouplingMatrices:
+    """The matrices between blades over all coordinates."""
+    blocks = lambda each: jnp.einsum("aij,ab->aibj", each, jnp.eye(3, dtype=each.dtype)).reshape(
+        2 * (3 * each.shape[1],)
+    )
+    return CouplingMatrices(*map(blocks, coupling_matrices(scene)))
 
 
 def _at_interface(gradient: Any, j: int, count: int) -> Any:
@@ -90,7 +118,8 @@ def contact_stiffness(blades: LinearContact, contact: NaturalContact) -> Any:
     Source:
         With w = v for the normal spring and w = u for the tangential one, contact adds k w_q w_q' to the stiffness of
         Eq. (1): along x and y that is k n n' + k_d t t' on the relative displacement, with n = (sin alpha, -cos alpha)
-        and t = (cos alpha, sin alpha). Faces that stay on each other turn all blocks by one angle.
+        and t = (cos alpha, sin alpha). Faces that stay on each other turn all blocks by one angle; where they have
+        several points, each has its share of the springs, which resist a turn against each other.
     """
     K = 0 * blades.v_q.T @ blades.v_q
     if contact != "apart":
@@ -101,18 +130,23 @@ def contact_stiffness(blades: LinearContact, contact: NaturalContact) -> Any:
 
 
 def natural_modes(blades: LinearContact, contact: NaturalContact) -> NaturalModes:
-    """The modes of all blades in one state of contact, from arrays of NumPy."""
-    K, free = np.diag(blades.stiffness) + contact_stiffness(blades, contact), free_directions(blades.moves, contact)
+    """The modes of all blades in one state of contact, from arrays of NumPy.
+
+    Forces of the flow that are not symmetric count by their symmetric part; see `nodal_diameters` for all of them.
+    """
+    K = blades.own_stiffness + contact_stiffness(blades, contact)
+    K, free = (K + K.T) / 2, free_directions(blades.moves, contact, bool(blades.turns_as_one))
     root = np.sqrt(free.T**2 @ blades.mass)
     squares, vectors = np.linalg.eigh(free.T @ K @ free / np.outer(root, root))
     omega, shape = np.sqrt(np.maximum(squares, TINY)), (free @ (vectors / root[:, None])).T
-    return NaturalModes(omega, shape**2 @ blades.damping / (2 * omega), shape)
+    damping = np.einsum("ni,ij,nj->n", shape, blades.own_damping, shape)
+    return NaturalModes(omega, damping / (2 * omega), shape)
 
 
-def free_directions(moves: np.ndarray, contact: NaturalContact) -> FloatArray:
-    """The directions in which the blocks can move, as columns; blocks whose faces touch turn together."""
+def free_directions(moves: np.ndarray, contact: NaturalContact, turns_as_one: bool = True) -> FloatArray:
+    """The directions in which the blocks can move, as columns; blocks whose faces touch may turn as one."""
     columns, turns = np.eye(moves.size), moves.size // 3 * 2  # the first coordinate of rotation
-    if contact in ("sliding", "stuck"):
+    if turns_as_one and contact in ("sliding", "stuck"):
         columns = np.column_stack([columns[:, :turns], columns[:, turns:].sum(axis=1)])
         moves = np.append(moves[:turns], moves[turns:].all())
     return columns[:, moves]

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxshroud.model.arithmetic import ZERO, Scalar
 from jaxshroud.model.blade import InverseMasses, LumpedBlade, lumped_blades
 from jaxshroud.model.contact_law import ContactLaw
+from jaxshroud.model.coupling import NeighbourSprings, neighbour_springs
 from jaxshroud.model.drive import Excitation, excitation
 from jaxshroud.model.geometry import Corners, corners, gyration
 from jaxshroud.model.linear import StaticPosition, free_reach, static_position, steady_amplitudes
@@ -35,10 +36,13 @@ class State(eqx.Module):
     case: Any  # 1-4 (Sec. 2.3), 5 in flat contact, 0 when apart
 
 
-def initial_state(motion: Motion) -> State:
-    """The state at t = 0: apart. A start with the blocks already overlapping becomes an onset at once."""
-    zero = jnp.zeros((), jnp.int32)
-    return State(motion, jnp.zeros((), motion.x.dtype), zero, zero)
+def initial_state(motion: Motion, points: int = 0) -> State:
+    """The state at t = 0: apart. A start with the blocks already overlapping becomes an onset at once.
+
+    `points` is the number of points of contact of a face, 0 where a corner touches.
+    """
+    of_each = (points,) if points else ()
+    return State(motion, jnp.zeros(of_each, motion.x.dtype), jnp.zeros(of_each, jnp.int32), jnp.zeros((), jnp.int32))
 
 
 def as_pairs(tree: Any) -> Any:
@@ -64,17 +68,19 @@ class Model(eqx.Module):
     gyration: Scalar  # J_A / A [m^2]
     mobility: Mobility
     static: StaticPosition | None  # from which power is measured; None: from rest
+    coupling: NeighbourSprings | None  # between the blades
     reading: frozenset[str] = eqx.field(static=True)
     parts: Parts = eqx.field(static=True)
 
 
 def prepared_model(scene: Scene) -> Model:
     """The constants of a scene."""
-    s, drive, reading = scene.shroud, excitation(scene.drive), scene.contact.reading
+    s, drive, reading = scene.running_shroud, excitation(scene.drive), scene.contact.reading
     block, law, size = corners(s, reading, scene.contact.points), prepared_law(scene), gyration(s)
-    blades, block, drive, size = as_pairs((lumped_blades(scene.blades), block, drive, size))
+    blades, block, drive, size = as_pairs((lumped_blades(scene.running_blades), block, drive, size))
     static = as_pairs(static_position(scene))
-    return Model(blades, block, law, drive, size, _mobility(scene), static, reading, scene.parts)
+    mobility, coupling = _mobility(scene), neighbour_springs(scene)
+    return Model(blades, block, law, drive, size, mobility, static, coupling, reading, scene.parts)
 
 
 def _mobility(scene: Scene) -> Mobility:
@@ -164,7 +170,7 @@ def _free_speed(scene: Scene) -> Scalar:
     """The largest approach speed of the free blades, and at least one gap per radian [m/s]."""
     free, drive = steady_amplitudes(scene), scene.drive
     x = free_reach(free, "x")
-    return drive.frequency(max(free)) * (x[0] + x[1] + jnp.abs(scene.shroud.gap))
+    return drive.frequency(max(free)) * (x[0] + x[1] + jnp.abs(scene.running_shroud.gap))
 
 
 def has_torsion(model: Model) -> bool:

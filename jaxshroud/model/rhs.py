@@ -8,6 +8,7 @@ from jaxshroud.model.arithmetic import ZERO, Pair, Scalar, is_zero, of_blade, si
 from jaxshroud.model.blade import Acceleration, AnyBlade, BladeForces
 from jaxshroud.model.contact import Load
 from jaxshroud.model.contact_law import ContactLoads, Slider
+from jaxshroud.model.coupling import forces_with_springs, motions_of_pair
 from jaxshroud.model.drive import Excitation, Wave, Waves
 from jaxshroud.model.geometry import Kinematics, Pose
 from jaxshroud.model.interface import (
@@ -74,7 +75,8 @@ class Integrals(NamedTuple):
 
 def accelerations(z: Motion, Q: Waves, load: Load, model: Model) -> Acceleration:
     """The accelerations by Eq. (1), from the drive's waves `Q` and the `load` of contact."""
-    R = BladeForces((load.R_x, -load.R_x), (load.R_y, -load.R_y), load.M)
+    contact = BladeForces((load.R_x, -load.R_x), (load.R_y, -load.R_y), load.M)
+    R = forces_with_springs(contact, z, model.coupling)
     own = z, Q, model.drive, R, model.mobility.inverse
     left, right = (of_blade(i, model.blades)[0].accelerations(*of_blade(i, *own)) for i in (0, 1))
     return Acceleration(*zip(left, right, strict=True))
@@ -138,7 +140,10 @@ def works(z: Motion, Q: Waves, lost: Scalar, model: Model) -> Ledger:
     """Rates of the works; `lost` is what contact dissipates."""
     left, right = (blade_works(*of_blade(i, z, Q, model.blades, model.drive)) for i in (0, 1))
     power = left[0] + right[0]
-    return Ledger(power, abs(power), left[1] + right[1], lost)
+    viscous = left[1] + right[1]
+    if model.coupling is not None:
+        viscous = viscous + model.coupling.lost(*motions_of_pair(z))
+    return Ledger(power, abs(power), viscous, lost)
 
 
 class StateDerivative(NamedTuple):
@@ -212,6 +217,8 @@ rhs_once = jax.jit(rhs, static_argnames="recorded", inline=True)  # traced once 
 
 
 def stored_energy(z: Motion, model: Model) -> Scalar:
-    """The kinetic energy and the energy of the blades' springs [J]."""
+    """The kinetic energy and the energy of the blades' springs, those between them included [J]."""
     left, right = (blade.twice_energy(own) for own, blade in (of_blade(i, z, model.blades) for i in (0, 1)))
+    if model.coupling is not None:
+        left = left + model.coupling.twice_energy(*motions_of_pair(z))
     return (left + right) / 2

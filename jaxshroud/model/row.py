@@ -25,6 +25,16 @@ from jaxtyping import Array, Bool, Float
 
 from jaxshroud.model.arithmetic import ZERO, is_zero
 from jaxshroud.model.blade import AnyBlade, BladeForces, blades_of_row
+from jaxshroud.model.coupling import (
+    AeroMatrices,
+    NeighbourSprings,
+    aero_matrices,
+    forces_of_flow,
+    forces_of_springs,
+    half_losses,
+    neighbour_springs,
+    spring_energies,
+)
 from jaxshroud.model.drive import Excitation, excitation
 from jaxshroud.model.geometry import rotation
 from jaxshroud.model.interface import placement
@@ -44,6 +54,7 @@ from jaxshroud.model.rhs import (
     contact_effects,
     position_at,
 )
+from jaxshroud.model.sides import both_sides, left_of_interfaces, right_of_interfaces, sum_at_blades
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import Parts
 from jaxshroud.scene.scene import Contact, Friction, Scene, Shroud
@@ -62,6 +73,8 @@ class RowModel(eqx.Module):
     gyration: Any  # J_A / A [m^2], one for the row
     static: StaticPosition | None  # of each blade, from which power is measured; None: from rest
     interfaces: Model  # the pair at each interface
+    coupling: NeighbourSprings | None  # between neighbours
+    aero: AeroMatrices | None  # of the flow
     closed: bool = eqx.field(static=True)
     parts: Parts = eqx.field(static=True)
 
@@ -89,6 +102,8 @@ def prepared_row(scene: Scene) -> RowModel:
         pairs.gyration[0],
         static_position(scene),
         pairs,
+        neighbour_springs(scene),
+        aero_matrices(scene),
         row.closed,
         scene.parts,
     )
@@ -96,14 +111,14 @@ def prepared_row(scene: Scene) -> RowModel:
 
 def pair_at(scene: Scene, j: Any) -> Scene:
     """The pair of blades at interface `j`, without their mistuning, which contact does not feel; a pair is its own."""
-    row, s = scene.row, scene.shroud
+    row, s = scene.row, scene.running_shroud
     if row is None:
         return scene
     sides = jnp.stack([j, (j + 1) % row.blades])
     take = lambda tree: jax.tree.map(lambda a: a[sides], tree)
     width = None if scene.contact.width is None else scene.contact.width[j]
     return Scene(
-        take(scene.blades),
+        take(scene.running_blades),
         Shroud(s.alpha, s.l_oa, s.l_ab, s.gap[j]),
         Contact(scene.k[j], None, width=width, points=scene.contact.points),
         Friction(scene.friction.k_d[j], scene.friction.mu[j]),
@@ -127,36 +142,22 @@ def over(each: Each, f: Callable[..., Any], *trees: Any) -> Any:
     return jax.tree.map(lambda a: jnp.reshape(a, shape), each(f, *flat))
 
 
-def left_of_interfaces(a: Array, closed: bool) -> Array:
-    """The numbers of the blade left of each interface."""
-    return a if closed else a[:-1]
-
-
-def right_of_interfaces(a: Array, closed: bool) -> Array:
-    """The numbers of the blade right of each interface."""
-    return jnp.roll(a, -1, 0) if closed else a[1:]
-
-
-def both_sides(tree: Any, closed: bool) -> Any:
-    """A tree of numbers of blades as one of pairs at interfaces."""
-    sides = lambda a: (a, a) if is_zero(a) else (left_of_interfaces(a, closed), right_of_interfaces(a, closed))
-    return jax.tree.map(sides, tree, is_leaf=is_zero)
-
-
-def sum_at_blades(on_left: Array, on_right: Array, closed: bool) -> Array:
-    """The sum of what its two interfaces add to each blade: on their left and on their right sides."""
-    if closed:
-        return on_left + jnp.roll(on_right, 1, 0)
-    none = jnp.zeros_like(on_left[:1])
-    return jnp.concatenate([on_left, none]) + jnp.concatenate([none, on_right])
-
-
 def pair_states(state: State, model: RowModel) -> State:
     """The state of the pair at each interface."""
     return State(both_sides(model.blades.shroud(state.motion), model.closed), state.u_s, state.mode, state.case)
 
 
-def blade_forces(effects: ContactEffects, model: RowModel) -> BladeForces:
+def blade_forces(effects: ContactEffects, z: Any, model: RowModel) -> BladeForces:
+    """The forces on each blade of contact, of its neighbours and of the flow, at a motion of the blades."""
+    forces = contact_forces_on_blades(effects, model)
+    if model.coupling is not None:
+        forces = forces.plus(forces_of_springs(model.blades.shroud(z), model.coupling, model.closed))
+    if model.aero is not None:
+        forces = forces.plus(BladeForces(forces_of_flow(model.blades.shroud(z), model.aero, model.closed), ZERO, ZERO))
+    return forces
+
+
+def contact_forces_on_blades(effects: ContactEffects, model: RowModel) -> BladeForces:
     """The forces of contact on each blade."""
     load, total = effects.load, partial(sum_at_blades, closed=model.closed)
     if is_zero(load.R_x):
@@ -295,13 +296,14 @@ def row_rhs(
     """
     blades = model.blades
     effects = over(each, partial(interface_effects, recorded=recorded), pair_states(now, model), model.interfaces)
-    rates = rates_of_blades(now.motion, wave, blade_forces(effects, model), model, recorded, each)
+    rates = rates_of_blades(now.motion, wave, blade_forces(effects, now.motion, model), model, recorded, each)
     a = rates.acceleration
     if cluster is not None:
         a = blades.turned(a, cluster.mean(blades.turning(a)), model.inverse)
     ledger = None
     if recorded.ledger:
-        ledger = Ledger(rates.drive, jnp.abs(rates.drive), rates.viscous, effects.lost)
+        viscous = rates.viscous + coupling_losses(now.motion, model)
+        ledger = Ledger(rates.drive, jnp.abs(rates.drive), viscous, effects.lost)
     moments = None
     if recorded.moments:
         z = blades.shroud(now.motion)
@@ -311,6 +313,21 @@ def row_rhs(
         StateDerivative(a, effects.u_s),
         Integrals(rates.power, ledger, moments, effects.loads, rates.means),
     )
+
+
+def coupling_losses(z: Any, model: RowModel) -> OfBlades:
+    """The power lost between blades [W]: half of each damper for both of its blades, and what the flow takes."""
+    shroud, lost = model.blades.shroud(z), ZERO
+    if model.coupling is not None:
+        lost = lost + half_losses(shroud, model.coupling, model.closed)
+    if model.aero is not None:
+        lost = lost - forces_of_flow(shroud, model.aero, model.closed) * shroud.v_x
+    return lost
+
+
+def coupling_energies(z: Any, model: RowModel) -> OfInterfaces:
+    """The energy of the springs between neighbours at each interface [J]; absent without them."""
+    return ZERO if model.coupling is None else spring_energies(model.blades.shroud(z), model.coupling, model.closed)
 
 
 def blade_energies(z: Any, model: RowModel, each: Each) -> OfBlades:

@@ -69,7 +69,7 @@ def attractors_of(scene: Scene, states: State, max_periods: int, aim: ShootingOp
     order = np.argsort([-len(attractor.lanes) for attractor in (*periodic, *aperiodic)], kind="stable")
     rank = np.append(np.argsort(order), [-2, -1])  # so that -1 and -2 stay
     return FoundAttractors(
-        [(*periodic, *aperiodic)[i] for i in order], rank[label], end, units, float(scene.shroud.gap)
+        [(*periodic, *aperiodic)[i] for i in order], rank[label], end, units, float(scene.running_shroud.gap)
     )
 
 
@@ -139,8 +139,8 @@ def _ends_on(cycle: PeriodicOrbit, points: FloatArray, end: LaneEnds, lane: int,
     to go.
     """
     q, samples = int(end.number[lane]), end.samples[lane] / units
-    if cycle.slider_is_free and end.state.mode[lane] == cycle.start.mode:
-        return _differs_by_slider(cycle, samples[-q:], float(end.state.u_s[lane]), units)
+    if cycle.slider_is_free and np.array_equal(end.state.mode[lane], cycle.start.mode):
+        return _differs_by_slider(cycle, samples[-q:], _free_places(cycle, end.state.u_s[lane]), units)
     if cycle.q % q and q % cycle.q:  # a slow lane may still seem to have a multiple of the period
         return False
     drift = float(np.abs(samples[-q:] - samples[-2 * q : -q]).max())
@@ -150,13 +150,19 @@ def _ends_on(cycle: PeriodicOrbit, points: FloatArray, end: LaneEnds, lane: int,
     return bool(set_distance(samples[-max(q, cycle.q) :], points) <= limit)
 
 
-def _differs_by_slider(cycle: PeriodicOrbit, samples: FloatArray, u_s: float, units: np.ndarray) -> bool:
-    """Whether samples (n, 12) are of an orbit that differs by the position of a free slider only."""
+def _free_places(cycle: PeriodicOrbit, u_s: np.ndarray) -> np.ndarray:
+    """The positions of those sliders that are free on an orbit [m]."""
+    return np.ravel(u_s)[cycle.free_sliders]
+
+
+def _differs_by_slider(cycle: PeriodicOrbit, samples: FloatArray, u_s: np.ndarray, units: np.ndarray) -> bool:
+    """Whether samples (n, 12) are of an orbit that differs by the positions of free sliders only."""
     assert cycle.jacobian is not None  # there is an orbit
-    z, shift = to_vector(cycle.start), u_s - float(cycle.start.u_s)
-    by_slider = moved_start(cycle.jacobian.by_state, cycle.jacobian.by_state[:, -1:], True)[:-1, 0]
-    unexplained = np.abs(samples - (z[:-1] + by_slider * shift) / units).max(axis=1)
-    difference = np.abs(samples - z[:-1] / units).max(axis=1)
+    z, shift, free = to_vector(cycle.start), u_s - _free_places(cycle, cycle.start.u_s), cycle.free_sliders
+    moves, M = slice(-len(free)), cycle.jacobian.by_state
+    by_sliders = moved_start(M, M[:, len(M) - len(free) :][:, free], free)[moves]
+    unexplained = np.abs(samples - (z[moves] + by_sliders @ shift) / units).max(axis=1)
+    difference = np.abs(samples - z[moves] / units).max(axis=1)
     return bool(np.any(unexplained <= np.maximum(SLIDER_SHARE * difference, 1e-3)))
 
 
@@ -184,23 +190,24 @@ def _joined_families(attractors: list[Attractor], label: np.ndarray, aim: Shooti
 
 
 def _is_same_family(a: Attractor, b: Attractor, aim: ShootingOptions) -> bool:
-    """Whether moving the slider leads from one orbit to the other."""
+    """Whether moving the sliders leads from one orbit to the other."""
     if a.q != b.q or a.cycle is None or b.cycle is None:
         return False
-    orbit = run_alone(_with_slider(a.cycle, float(b.cycle.start.u_s), aim))
+    orbit = run_alone(_with_sliders(a.cycle, _free_places(a.cycle, b.cycle.start.u_s), aim))
     if orbit is None:
         return False
     sizes = state_scales(b.cycle.scene, b.cycle.start)
     return bool(np.all(np.abs(to_vector(orbit.start) - to_vector(b.cycle.start)) <= 1e3 * SAME_ORBIT_DISTANCE * sizes))
 
 
-def _with_slider(cycle: PeriodicOrbit, u_s: float, aim: ShootingOptions) -> Algorithm[PeriodicOrbit | None]:
-    """The orbit with its free slider moved step by step."""
-    orbit, begin = cycle, float(cycle.start.u_s)
+def _with_sliders(cycle: PeriodicOrbit, u_s: np.ndarray, aim: ShootingOptions) -> Algorithm[PeriodicOrbit | None]:
+    """The orbit with its free sliders moved step by step."""
+    orbit, begin = cycle, _free_places(cycle, cycle.start.u_s)
+    places = cycle.scene.state_size - len(cycle.free_sliders) + np.flatnonzero(cycle.free_sliders)
     for stride in range(1, SLIDER_MOVES + 1):
         z = to_vector(orbit.start)
-        z[cycle.scene.layout.state_size - 1] = begin + (u_s - begin) * stride / SLIDER_MOVES
-        state = from_vector(z, orbit.start.mode, orbit.start.case)
+        z[places] = begin + (u_s - begin) * stride / SLIDER_MOVES
+        state = from_vector(z, orbit.start.mode, orbit.start.case, points=cycle.scene.points)
         orbit = yield from closed_orbit(orbit.scene, state, cycle.q, aim)
         if "not converged" in orbit.flags or not orbit.slider_is_free:
             return None

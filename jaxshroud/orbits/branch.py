@@ -155,7 +155,7 @@ def _closed_point(
 def _state_at(problem: ContinuationProblem, y: np.ndarray, like: State) -> State:
     """The state of a point, with the contact modes and cases of another."""
     numbers = (y[:-1] * problem.units).astype(problem.scene.drive.omega.dtype)
-    return from_vector(numbers, like.mode, like.case, problem.scene.layout)
+    return from_vector(numbers, like.mode, like.case, problem.scene.layout, problem.scene.points)
 
 
 def _jacobian(problem: ContinuationProblem, tangents: Tangents) -> np.ndarray:

@@ -13,7 +13,7 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from jaxshroud.cache.programs import kept
-from jaxshroud.march.stability import contact_gradients
+from jaxshroud.march.stability import contact_gradients, point_gradients
 from jaxshroud.model.geometry import corners
 from jaxshroud.model.natural_modes import (
     NaturalContact,
@@ -27,10 +27,16 @@ from jaxshroud.scene.scene import Scene
 UPPER_CORNERS = 1  # the case whose corners are looked at
 
 
-def touching_gradients(scene: Scene) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
-    """dv/dq and du/dq of a pair, or at any interface of a row, where the upper corners meet without a gap."""
-    touching = corners(scene.shroud, scene.contact.reading)._replace(gap=jnp.zeros_like(scene.shroud.alpha))
-    return contact_gradients(UPPER_CORNERS, touching, jnp.concatenate([scene.blades.m[:2]] * 3))
+def touching_gradients(scene: Scene) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """dv/dq and du/dq of a pair, or at any interface of a row, where the upper corners meet without a gap, (6,).
+
+    Where faces have several points they are those of each of them, (points, 6).
+    """
+    block, like = corners(scene.shroud, scene.contact.reading, scene.contact.points), [scene.blades.m[:2]] * 3
+    touching = block._replace(gap=jnp.zeros_like(scene.shroud.alpha))
+    if touching.points:
+        return point_gradients(touching, jnp.concatenate(like))
+    return contact_gradients(UPPER_CORNERS, touching, jnp.concatenate(like))
 
 
 class LinearSystem(NamedTuple):
@@ -53,22 +59,25 @@ def linear_systems(scenes: Scene, contact: NaturalContact, coordinate: int) -> L
         coordinate: The displacements that are asked for: x, y or theta, 0 to 2.
 
     Source:
-        Eq. (1) with the stiffness K of the blades and of `contact_stiffness`. Preload, offsets of sliders and mean
-        displacements are not in it.
+        Eq. (1) with the stiffness K of the blades, of their coupling, and of `contact_stiffness`. Preload, offsets of
+        sliders and mean displacements are not in it.
     """
 
     def one(scene: Scene) -> LinearSystem:
         ((order, load),) = drive_loads(scene).items()
         system, omega = linear_contact(scene, touching_gradients(scene)), scene.drive.frequency(order)
-        free = jnp.asarray(free_directions(system.moves, contact), omega.dtype)
+        free = jnp.asarray(free_directions(system.moves, contact, scene.contact.points is None), omega.dtype)
         diagonal = lambda numbers: jnp.diag(numbers @ free**2)  # no coordinate is in two directions
-        coupling = free.T @ contact_stiffness(system, contact) @ free
+        coupling, damping = free.T @ contact_stiffness(system, contact) @ free, diagonal(system.damping)
+        if system.coupled is not None:
+            coupling = coupling + free.T @ system.coupled.stiffness @ free
+            damping = damping + free.T @ system.coupled.damping @ free
         in_phase, quadrature = load
         blades = scene.blades.m.shape[-1]
         each = jnp.tile(jnp.eye(blades, dtype=omega.dtype), (3, 1))
         return LinearSystem(
             coupling + diagonal(system.stiffness) - omega**2 * diagonal(system.mass),
-            omega * diagonal(system.damping),
+            omega * damping,
             (free**2).T @ (system.stiffness[:, None] * each),
             (in_phase @ free, quadrature @ free),
             free.reshape(3, blades, -1)[coordinate],

@@ -24,7 +24,7 @@ from jaxshroud.orbits.batched_algorithms import Algorithm, Derivatives, Periods
 from jaxshroud.orbits.orbit import free_sliders
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.laws import Laws
-from jaxshroud.scene.layout import COORDINATES, PAIR
+from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene
 from jaxshroud.signals.statistics import confidence_interval
 
@@ -50,10 +50,10 @@ class Exponents(NamedTuple):
 
 
 class StatePlaces(NamedTuple):
-    """The places of the numbers of a scene's state among the 13 of any pair."""
+    """The places of the numbers of a scene's state among those of any pair, 13 where a corner touches."""
 
     motion: np.ndarray  # two of each coordinate in which a blade moves
-    slider: np.ndarray  # one, or none without friction
+    slider: np.ndarray  # one, of several points one of each, or none without friction
 
     @property
     def all(self) -> np.ndarray:
@@ -70,8 +70,8 @@ def state_places(scene: Scene) -> StatePlaces:
     if isinstance(scene.laws, Laws):
         rubs = scene.laws.friction is not None
     else:
-        rubs = law.has_stick or (law.flows and parts.friction == "bilinear")
-    return StatePlaces(places[:, np.array(moves)].ravel(), np.arange(6 * blades, 6 * blades + rubs))
+        rubs = law.has_stick or ((law.flows or law.has_points) and parts.friction == "bilinear")
+    return StatePlaces(places[:, np.array(moves)].ravel(), 6 * blades + np.arange(scene.sliders if rubs else 0))
 
 
 def lyapunov_exponents(
@@ -84,44 +84,56 @@ def lyapunov_exponents(
     earlier: along a transient they may take an order that differs from that of the settled motion, and keep it long.
 
     A slider that stays where it starts has an exponent of exactly 0, apart from those of the motion; the average begins
-    anew once it moves. One that is set by the motion in some period (by an onset or by slip) has one of -inf.
+    anew once it moves. One that is set by the motion in some period (by an onset or by slip) has one of -inf. Faces of
+    several points have a slider at each.
     """
     state = yield from state_after(scene, state, transient, steps, method)
     units, places = energy_units(scene), state_places(scene)
-    stuck, status = bool(len(places.slider)), Status.OK
+    stuck, status = np.ones(len(places.slider), bool), Status.OK
     frames, growth = first_frames(len(places.motion)), []
     while len(growth) < n_periods:
         tangents = yield Derivatives(TangentProblem(scene, state), 1, steps, method)
         before, state, status = state, tangents.end, Status(tangents.status)
         if status != Status.OK:
             break
-        begins_to_stick = not frames.done and before.mode == Mode.APART and state.mode == Mode.STICK
-        if stuck and not (begins_to_stick or free_sliders(scene, tangents).all()):
-            stuck, frames, growth = False, first_frames(len(places.all)), []
-        numbers = places.motion if stuck else places.all
+        begins_to_stick = (not frames.done) & _sliders_in(before, Mode.APART) & _sliders_in(state, Mode.STICK)
+        stays = begins_to_stick | free_sliders(scene, tangents)
+        if len(stuck) and not stays[stuck].all():
+            stuck = stuck & stays
+            frames, growth = first_frames(len(places.all) - int(stuck.sum())), []
+        numbers = np.append(places.motion, places.slider[~stuck])
         frames, grown = next_frames(frames, (tangents.by_state * units / units[:, None])[np.ix_(numbers, numbers)])
-        if stuck:
-            grown = [np.append(rates, 0.0) for rates in grown]
-        elif len(places.slider):
-            is_set = any(_is_slider_set(scene, end) for end in (before, state))
-            grown = [_without_forgotten(rates, is_set, scene.parts.contact == "spring") for rates in grown]
-        growth += grown
-    return Exponents(*mean_exponents(np.array(growth).reshape(-1, len(places.all))), stuck, int(status), state)
+        moving = len(stuck) - int(stuck.sum())
+        if moving:
+            forgotten = max(int(_are_sliders_set(scene, end)[~stuck].sum()) for end in (before, state))
+            grown = [_without_forgotten(rates, forgotten, moving, scene.parts.contact == "spring") for rates in grown]
+        growth += [np.append(rates, np.zeros(int(stuck.sum()))) for rates in grown]
+    mean = mean_exponents(np.array(growth).reshape(-1, len(places.all)))
+    return Exponents(*mean, bool(stuck.any()), int(status), state)
 
 
-def _is_slider_set(scene: Scene, state: State) -> bool:
-    """Whether mode and motion determine the slider: apart, or in slip, where user laws integrate their state."""
-    slips = scene.parts.contact != "own" and state.mode in (Mode.SLIP_PLUS, Mode.SLIP_MINUS)
-    return bool(slips or state.mode == Mode.APART)
+def _sliders_in(state: State, mode: Mode) -> np.ndarray:
+    """Which sliders are in a contact mode."""
+    return np.ravel(state.mode) == mode
 
 
-def _without_forgotten(rates: np.ndarray, is_set: bool, by_events: bool) -> np.ndarray:
-    """The growth of a period (numbers,), -inf for a slider that is set by the motion at an end of it or within.
+def _are_sliders_set(scene: Scene, state: State) -> np.ndarray:
+    """Which sliders mode and motion determine: apart, or in slip, where user laws integrate their state."""
+    slips = _sliders_in(state, Mode.SLIP_PLUS) | _sliders_in(state, Mode.SLIP_MINUS)
+    return _sliders_in(state, Mode.APART) | (slips & (scene.parts.contact != "own"))
 
-    The direction that vanishes is the last of its frame, where rounding alone leaves a length. Only a slider that moves
-    `by_events` vanishes within a period; another one follows the motion, however fast.
+
+def _without_forgotten(rates: np.ndarray, forgotten: int, sliders: int, by_events: bool) -> np.ndarray:
+    """The growth of a period (numbers,), -inf for sliders that are set by the motion at an end of it or within.
+
+    The directions that vanish are the last of their frame, where rounding alone leaves a length: at least as many as
+    are `forgotten` at an end of the period. Only sliders that move `by_events` vanish within a period; others follow
+    the motion, however fast.
     """
-    return np.append(rates[:-1], -np.inf) if is_set or (by_events and np.isnan(rates[-1])) else rates
+    last = np.arange(len(rates) - sliders, len(rates))
+    hidden = np.isnan(rates[last]) & by_events
+    vanishes = hidden | (np.arange(sliders) >= sliders - forgotten)
+    return np.append(rates[: len(rates) - sliders], np.where(vanishes, -np.inf, rates[last]))
 
 
 class Frames(NamedTuple):
@@ -169,10 +181,11 @@ def mean_exponents(rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 
 def energy_units(scene: Scene) -> np.ndarray:
-    """Displacements, rates and a slider position (..., 13) of equal energy, in which tangents hardly oscillate."""
-    b = scene.blades
+    """Displacements, rates and slider positions (..., numbers) of equal energy: tangents hardly oscillate in them."""
+    b = scene.running_blades
     soft = [1 / np.sqrt(np.asarray(a)) for a in (b.k_x, b.k_y, b.k_T, b.m, b.inertia_y, b.I)]
-    return np.concatenate([np.asarray(a, float) for a in (*soft, soft[0][..., :1])], axis=-1)
+    sliders = np.repeat(soft[0][..., :1], scene.sliders, axis=-1)
+    return np.concatenate([np.asarray(a, float) for a in (*soft, sliders)], axis=-1)
 
 
 def _are_aligned(grown: np.ndarray, each: bool) -> bool:
@@ -224,8 +237,8 @@ def largest_exponents(
     """
     lanes, unit = len(scenes.drive.omega), energy_units(scenes)
     numbers = np.arange(lanes) if numbers is None else numbers
-    tangents = np.random.default_rng(0).standard_normal((numbers.max() + 1, PAIR.state_size))[numbers] * unit
-    tangents[:, -1] = 0.0
+    tangents = np.random.default_rng(0).standard_normal((numbers.max() + 1, scenes.state_size))[numbers] * unit
+    tangents[:, -scenes.sliders :] = 0.0
     no_change, method = jax.tree.map(np.zeros_like, scenes), as_differentiable(method)
     alignment_blocks, blocks = ALIGNMENT_PERIODS // RENORMALIZATION_PERIODS, max(round(n / RENORMALIZATION_PERIODS), 1)
     growth, status = np.empty((lanes, alignment_blocks + blocks)), np.full(lanes, Status.OK, np.int32)
@@ -235,7 +248,7 @@ def largest_exponents(
         tangents = np.where(np.isfinite(tangents), tangents, 0.0).astype(scenes.drive.omega.dtype)
         flows = run_flow(
             Dual(scenes, no_change),
-            Dual(states, from_vector(tangents, None, None)),
+            Dual(states, from_vector(tangents, None, None, points=scenes.points)),
             RENORMALIZATION_PERIODS,
             steps,
             method,

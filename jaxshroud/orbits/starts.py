@@ -1,6 +1,7 @@
 """Runs from random starts, in the range of the motion without contact, until each lane has settled."""
 
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -37,7 +38,7 @@ def start_range(scene: Scene) -> Motion:
     Raises:
         InputError: The amplitude is infinite.
     """
-    free, gap = steady_amplitudes(scene), float(np.abs(scene.shroud.gap).max())
+    free, gap = steady_amplitudes(scene), float(np.abs(scene.running_shroud.gap).max())
     omega = float(scene.drive.frequency(max(free)))
     amplitudes = [np.asarray(free_reach(free, name), float) for name in DISPLACEMENTS]
     lever = float(half_diagonal(scene.shroud))
@@ -67,7 +68,8 @@ def random_starts(scene: Scene, n: int, seed: int, spread: float) -> State:
         if len(starts) >= n:
             break
     starts = np.concatenate([starts, draws])[:n]  # with interference nearly all overlap
-    return jax.vmap(initial_state)(Motion(*(jnp.asarray(a) for a in np.moveaxis(starts, 1, 0))))
+    motions = Motion(*(jnp.asarray(a) for a in np.moveaxis(starts, 1, 0)))
+    return jax.vmap(partial(initial_state, points=scene.points))(motions)
 
 
 def random_row_starts(scene: Scene, n: int, seed: int, spread: float) -> State:
@@ -94,7 +96,7 @@ def _overlaps(scene: Scene, motions: Motion):
     model = prepared_model(scene)
 
     def depth(motion: Motion):
-        state = carried_state(initial_state(motion), model)
+        state = carried_state(initial_state(motion, scene.points), model)
         return place_contact(state.motion, state, model)[2].v
 
     return jax.vmap(depth)(motions)

@@ -69,7 +69,7 @@ def _is_tuned(scene: Scene) -> bool:
     plain = without_given(scene)
     alike = lambda a: np.all(np.asarray(a) == np.asarray(a)[..., :1]) if np.ndim(a) else True
     drive = [(one.F_x, one.F_y, one.M_0) for one in plain.drive.harmonics().values()]
-    parts = (plain.mistuned_blades, plain.shroud.gap, plain.k, plain.contact.width, plain.friction, drive)
+    parts = (plain.mistuned_blades, plain.running_shroud.gap, plain.k, plain.contact.width, plain.friction, drive)
     return all(bool(alike(a)) for a in jax.tree.leaves(parts))
 
 
@@ -101,7 +101,10 @@ def _multipliers_of(jacobian: np.ndarray) -> np.ndarray:
 
 def shifted_places(blades: int, size: int, shift: int) -> np.ndarray:
     """The places (size,) from which the numbers of a ring's state come when blade i takes over blade i - shift."""
-    return np.roll(np.arange(size).reshape(-1, blades), shift, axis=1).ravel()
+    places, motion = np.arange(size), 6 * blades
+    turned = np.roll(places[:motion].reshape(-1, blades), shift, axis=1)
+    sliders = np.roll(places[motion:].reshape(blades, -1), shift, axis=0)  # of each interface, point by point
+    return np.concatenate([turned.ravel(), sliders.ravel()])
 
 
 def wave_bifurcation(multipliers: np.ndarray, blades: int) -> tuple[str, float]:

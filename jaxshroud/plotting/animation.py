@@ -39,6 +39,7 @@ from jaxshroud.plotting.style import (
 from jaxshroud.scene.checks import InputError
 
 PER_SECOND, DPI = 20, 150
+POINT_AREA = 30.0  # of the mark of one of several points of contact [points^2]
 ARROW = 0.8  # of the largest force, relative to the face
 CURVES_HEIGHT = 1.3  # of the curves below the blocks, with all labels [inch]
 BLOCK_FILLS = "#c9dfee", "#e3e3e3"  # of the left and the right block
@@ -112,6 +113,7 @@ class PairAnimation(Animation):
         for shape in self.shapes:
             panel.add_patch(shape)
         (self.point,) = panel.plot([], [], "o", ms=6, mec="white", mew=0.5, zorder=4)
+        self.points = panel.scatter([], [], s=POINT_AREA, ec="white", lw=0.5, zorder=5)  # of faces with several
         style: Properties = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.012, "zorder": 3}
         self.arrows = panel.quiver(*np.zeros((4, 4)), color=[INK, INK, BLUE, BLUE], **style)
         above: Properties = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "bottom"}
@@ -163,7 +165,8 @@ class PairAnimation(Animation):
         touching = self._touches(frame)
         self._draw_forces(frame, touching)
         mode = MODE_STYLES[Mode(int(frame["mode"]))][0] if touching else "apart"
-        case = f", {CASE_STYLES[int(frame['case'])][0]}" if touching and int(frame["case"]) in CASE_STYLES else ""
+        has_case = touching and self.blocks.places is None and int(frame["case"]) in CASE_STYLES
+        case = f", {CASE_STYLES[int(frame['case'])][0]}" if has_case else ""
         self.caption.set_text(f"$t/T$ = {float(frame['periods']):.2f}   {mode}{case}")
         self.cursor.set_xdata([float(frame["periods"])] * 2)
 
@@ -188,7 +191,8 @@ class PairAnimation(Animation):
     def _draw_forces(self, frame: xr.Dataset, touching: bool) -> None:
         """Draw the forces on both blocks where they touch."""
         self.arrows.set_visible(touching)
-        self.point.set_visible(touching)
+        self.point.set_visible(touching and self.blocks.places is None)
+        self.points.set_visible(touching and self.blocks.places is not None)
         if not touching:
             return
         point, forces = self._forces(frame)
@@ -196,3 +200,8 @@ class PairAnimation(Animation):
         self.arrows.set_UVC(*forces.T)
         self.point.set_data(*[[v] for v in point])
         self.point.set_color(MODE_STYLES[Mode(int(frame["mode"]))][1])
+        if self.blocks.places is not None:
+            corners, modes = self._corners(frame, 0), frame["point_mode"].to_numpy()
+            self.points.set_offsets([self.blocks.point_on_face(corners, place) for place in self.blocks.places])
+            self.points.set_facecolor([MODE_STYLES[mode][1] if mode in MODE_STYLES else "none" for mode in modes])
+            self.points.set_edgecolor(["white" if mode in MODE_STYLES else GREY for mode in modes])

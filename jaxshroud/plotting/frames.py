@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from jaxshroud.plotting.run_data import RunData
+from jaxshroud.plotting.run_data import RunData, places_of_points
 from jaxshroud.plotting.style import PlotArray
 from jaxshroud.scene.checks import InputError
 
@@ -26,6 +26,7 @@ class Blocks(NamedTuple):
     l_ab: float
     alpha: float
     gap: Any  # one number, or one for each interface
+    places: PlotArray | None = None  # of several points of contact, up the face from its middle
 
     @property
     def outline(self) -> PlotArray:
@@ -81,7 +82,7 @@ def stored_blocks(ds: xr.Dataset) -> Blocks:
     if not {"l_oa", "l_ab", "alpha"} <= set(shroud):
         raise InputError("This run does not tell the shape of its blocks; simulate it again.")
     gap = ds.attrs["gap"] if "gap" in ds.attrs else shroud["gap"]
-    return Blocks(shroud["l_oa"], shroud["l_ab"], shroud["alpha"], np.asarray(gap, float))
+    return Blocks(shroud["l_oa"], shroud["l_ab"], shroud["alpha"], np.asarray(gap, float), places_of_points(ds))
 
 
 def fitting_factor(frames: xr.Dataset, blocks: Blocks) -> float:

@@ -52,28 +52,34 @@ CASE_STYLES: Mapping[int, tuple[str, str]] = {
 
 
 def draw_ribbon(panel: Axes, run: RunData) -> None:
-    """The contact state and case over the period, in a row for each period of the motion, the first on top."""
+    """The contact state and case over the period, in a row for each period of the motion, the first on top.
+
+    In the place of the case faces of several points show the state of each, the uppermost on top.
+    """
     contact = contact_data(run)
     rows = max(round(contact.t[-1]), 1)
     for row in range(rows):
         _draw_period(panel, contact, row, rows - 1 - row)
     panel.set(xlim=(0, min(contact.t[-1], 1)), ylim=(0, rows), xlabel=PHASE_LABEL)
-    panel.set(title="state and case" if rows == 1 else "state, case below")
-    places, names = ([0.2, 0.675], ["case", "state"]) if rows == 1 else (np.arange(rows) + 0.5, np.arange(rows, 0, -1))
+    below = "case" if contact.point_mode is None else "points"
+    panel.set(title=f"state and {below}" if rows == 1 else f"state, {below} below")
+    places, names = ([0.2, 0.675], [below, "state"]) if rows == 1 else (np.arange(rows) + 0.5, np.arange(rows, 0, -1))
     panel.set_yticks(places, names)
     panel.set(ylabel="" if rows == 1 else "period")
     panel.tick_params(axis="y", length=0)
 
 
 def _draw_period(panel: Axes, contact: ContactData, row: int, foot: int) -> None:
-    """Draw one period, with the mode above the case."""
+    """Draw one period, with the mode above the case, or above those of the points."""
     in_period = (contact.t >= row - 1e-9) & (contact.t <= row + 1 + 1e-9)
     t = contact.t[in_period] - row
     styles: Mapping[int, tuple[str, str]]
-    for values, styles, place in (
-        (contact.mode, MODE_STYLES, (foot + 0.4, 0.55)),
-        (contact.case, CASE_STYLES, (foot + 0.05, 0.3)),
-    ):
+    below = [(contact.case, CASE_STYLES, (foot + 0.05, 0.3))]
+    if contact.point_mode is not None:
+        height = 0.3 / contact.point_mode.shape[1]
+        of_points = enumerate(contact.point_mode.T)
+        below = [(mode, MODE_STYLES, (foot + 0.05 + m * height, 0.9 * height)) for m, mode in of_points]
+    for values, styles, place in ((contact.mode, MODE_STYLES, (foot + 0.4, 0.55)), *below):
         for value, spans in _mode_spans(t, values[in_period]).items():
             if value in styles:
                 panel.broken_barh(spans, place, color=styles[value][1], lw=0)
@@ -90,17 +96,22 @@ def _mode_spans(t: PlotArray, values: IntegerArray) -> dict[int, list[tuple[floa
 
 
 def draw_loop(panel: Axes, run: RunData) -> None:
-    """The friction force over the slide; the enclosed area is the work of friction."""
+    """The friction force over the slide, of each point of contact; the enclosed area is the work of friction."""
     contact = contact_data(run)
     u = contact.u * PER_MICRO
-    _draw_pieces(panel, contact, u, contact.F, contact.pieces)
+    points = () if contact.point_mode is None else range(contact.point_mode.shape[1])
+    for own in [contact.of_point(m) for m in points] or [contact]:
+        _draw_pieces(panel, own, u, own.F, own.pieces)
     touching = contact.mode != Mode.APART
     panel.set(xlim=axis_limits(u[touching]) if touching.any() else None)
     panel.set(xlabel="slide $u$ [µm]", ylabel="friction force $F$ [N]", title="friction loop")
 
 
 def draw_path(panel: Axes, run: RunData) -> None:
-    """The point on the left block's face at which contact acts; the ends of the face are dashed."""
+    """The point on the left block's face at which contact acts; the ends of the face are dashed.
+
+    Faces of several points have a line at the place of each, and the resultant in between.
+    """
     contact = contact_data(run)
     panel.set(
         xlabel=TIME_LABEL, ylabel="place on the face [mm]", title="where contact acts", xlim=_time_limits(contact)
@@ -108,7 +119,13 @@ def draw_path(panel: Axes, run: RunData) -> None:
     if contact.contact_point is None:
         panel.text(0.5, 0.5, "the blocks do not turn", ha="center", va="center", transform=panel.transAxes)
         return
-    _draw_pieces(panel, contact, contact.t, contact.contact_point * PER_MILLI, contact.segments)
+    if contact.places is None:
+        _draw_pieces(panel, contact, contact.t, contact.contact_point * PER_MILLI, contact.segments)
+    else:
+        panel.plot(contact.t, contact.contact_point * PER_MILLI, color=INK, lw=0.6)
+        for m, place in enumerate(contact.places * PER_MILLI):
+            own = contact.of_point(m)
+            _draw_pieces(panel, own, own.t, np.full_like(own.t, place), own.pieces)
     l_ab = _scene_number(run, "shroud", "l_ab")
     if l_ab is not None:
         for side in (-1, 1):
@@ -143,7 +160,9 @@ CONTACT_PANELS = (
 def contact_handles(run: RunData, cases: bool = True) -> list[Patch]:
     """Legend entries of the contact states, and of the cases, that occur."""
     contact = contact_data(run)
-    entries = _legend_entries(MODE_STYLES, contact.mode) + (_legend_entries(CASE_STYLES, contact.case) if cases else [])
+    modes = contact.mode if contact.point_mode is None else np.append(contact.mode, contact.point_mode)
+    cases = cases and contact.point_mode is None
+    entries = _legend_entries(MODE_STYLES, modes) + (_legend_entries(CASE_STYLES, contact.case) if cases else [])
     return [Patch(color=color, label=name) for name, color in entries]
 
 

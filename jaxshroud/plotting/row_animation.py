@@ -129,14 +129,19 @@ class RowAnimation(Animation):
         return left - margin, right + margin, low - margin, high + margin
 
     def _mark_contacts(self, frame: xr.Dataset, corners: list[PlotArray]) -> None:
-        """Mark the interfaces that touch, each at its contact point."""
-        touching = np.flatnonzero(self._touching(frame))
-        points = frame["contact_point"].to_numpy() if "contact_point" in frame else np.zeros(frame.sizes["interface"])
-        at = [self.blocks.point_on_face(corners[j], points[j]) for j in touching]
+        """Mark the interfaces that touch, each at its contact point, or at each of its points that touch."""
+        touching, (N, mode) = self._touching(frame), ("N", "mode")
+        if self.blocks.places is not None:
+            touching, (N, mode) = np.asarray(frame["point_mode"] != Mode.APART), ("point_N", "point_mode")
+            points = np.broadcast_to(self.blocks.places, touching.shape)
+        else:
+            interfaces = frame.sizes["interface"]
+            points = frame["contact_point"].to_numpy() if "contact_point" in frame else np.zeros(interfaces)
+        at = [self.blocks.point_on_face(corners[where[0]], points[tuple(where)]) for where in np.argwhere(touching)]
         self.marks.set_offsets(self._drawn(np.reshape(at, (-1, 2))))
-        share = frame["N"].to_numpy()[touching] / (self.largest_force or 1.0) if len(touching) else np.zeros(0)
+        share = frame[N].to_numpy()[touching] / (self.largest_force or 1.0) if len(at) else np.zeros(0)
         self.marks.set_sizes(LEAST_MARK + (LARGEST_MARK - LEAST_MARK) * share)
-        modes = frame["mode"].to_numpy()[touching]
+        modes = frame[mode].to_numpy()[touching] if len(at) else ()
         self.marks.set_facecolor([to_rgba(MODE_STYLES[Mode(int(mode))][1]) for mode in modes])
 
     def _touching(self, frames: xr.Dataset) -> Any:
@@ -160,6 +165,8 @@ class RowAnimation(Animation):
             for blade, place in zip(blades, places, strict=True):
                 panel.text(place[0], place[1], str(blade), ha="center", va="center", color=DARK, fontsize=7)
         present = set(np.unique(self.frames["mode"].to_numpy()[self._touching(self.frames)]))
+        if self.blocks.places is not None:
+            present = set(np.unique(self.frames["point_mode"]))
         dot: Properties = {"marker": "o", "ls": "", "ms": 5, "mec": "white", "mew": 0.6}
         styles = [style for mode, style in MODE_STYLES.items() if mode in present]
         entries = [Line2D([], [], color=color, label=name, **dot) for name, color in styles]

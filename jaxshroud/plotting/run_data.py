@@ -1,5 +1,6 @@
 """A stored run, or the branches of a response, prepared for pictures: in the units of the picture, finite parts."""
 
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -15,12 +16,13 @@ from jaxshroud.model.modes import Mode
 from jaxshroud.plotting.page import Scale, scale_of
 from jaxshroud.plotting.style import BoolArray, IntegerArray, PlotArray
 from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.point_numbers import evenly_spaced
 from jaxshroud.signals.spectrum import repeats_after
 
 if TYPE_CHECKING:
     import xarray as xr
 
-CONTACT = ("N", "F", "v", "u", "contact_point", "mode", "case")
+CONTACT = ("N", "F", "v", "u", "contact_point", "mode", "case", "point_mode", "point_F")
 FEWEST_SAMPLES = 20  # samples of a period in which contact can be seen
 APERIODIC = 4  # drive periods shown of a motion that does not repeat
 
@@ -86,13 +88,14 @@ class ContactData(NamedTuple):
     contact_point: PlotArray | None
     mode: IntegerArray
     case: IntegerArray
+    point_mode: IntegerArray | None = None  # (n, points) of faces that touch at several, and so is the next
+    point_F: PlotArray | None = None
+    places: PlotArray | None = None  # of these points, up the face from its middle [m]
 
     @property
     def segments(self) -> list[slice]:
         """The parts of the time in which mode and case stay the same."""
-        changed = (np.diff(self.mode) != 0) | (np.diff(self.case) != 0)
-        ends = [0, *(np.flatnonzero(changed) + 1).tolist(), len(self.t)]
-        return [slice(a, b) for a, b in pairwise(ends)]
+        return _segments((np.diff(self.mode) != 0) | (np.diff(self.case) != 0))
 
     @property
     def pieces(self) -> list[slice]:
@@ -100,6 +103,27 @@ class ContactData(NamedTuple):
         segments, t = self.segments, self.t
         extended = [s.stop < len(t) and t[s.stop] > t[s.stop - 1] for s in segments]
         return [slice(s.start, s.stop + extra) for s, extra in zip(segments, extended, strict=True)]
+
+    def of_point(self, m: int) -> "ContactData":
+        """The contact at one of several points: its mode and its friction force."""
+        assert self.point_mode is not None  # of faces that have several
+        assert self.point_F is not None
+        return self._replace(mode=self.point_mode[:, m], case=np.zeros_like(self.case), F=self.point_F[:, m])
+
+
+def _segments(changed: BoolArray) -> list[slice]:
+    """The parts of samples between those after which something has `changed`."""
+    ends = [0, *(np.flatnonzero(changed) + 1).tolist(), len(changed) + 1]
+    return [slice(a, b) for a, b in pairwise(ends)]
+
+
+def places_of_points(ds: xr.Dataset) -> PlotArray | None:
+    """Where the faces of a stored run touch, up from their middle [m]; None where a corner touches."""
+    scene = tomllib.loads(str(ds.attrs.get("scene", "")))
+    points = scene.get("contact", {}).get("points")
+    if points is None:
+        return None
+    return evenly_spaced(points) * scene["shroud"]["l_ab"] if isinstance(points, int) else np.array(points, float)
 
 
 def contact_data(run: RunData, periods: int | None = None) -> ContactData:
@@ -131,7 +155,8 @@ def contact_data(run: RunData, periods: int | None = None) -> ContactData:
     values = {name: states[name].to_numpy()[shown] for name in names}
     if (values["mode"] == Mode.SMOOTH).all():  # smooth contact has a single mode, with and without penetration
         values["mode"] = np.where(values["v"] < 0, Mode.APART, Mode.SMOOTH)
-    return ContactData(t[shown] - begin, contact_point=values.pop("contact_point", None), **values)
+    place = values.pop("contact_point", None)
+    return ContactData(t[shown] - begin, contact_point=place, places=places_of_points(ds), **values)
 
 
 def _last_periods(t: PlotArray, periods: int) -> tuple[float, float]:

@@ -9,6 +9,7 @@ from jaxshroud.io.lane_status import FLAGS
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, ComplexVariable, Entry, MotionVariable, Variable
 from jaxshroud.results.base import Result
+from jaxshroud.results.contact_state import contact_values
 from jaxshroud.scene.keys import Motion
 from jaxshroud.signals.effects import between, with_interval
 
@@ -88,6 +89,8 @@ class Attractors(Result):
     u_s = Variable("slider there", "m")
     mode = Variable("contact mode there")
     case = Variable("contact case there")
+    point_u_s = Variable("slider of each point there", "m", ("point",))
+    point_mode = Variable("contact mode of each point there", None, ("point",))
     path_x = Variable("x of the left blade along it", "m", ("along",))
     path_v_x = Variable("v_x of the left blade along it", "m s-1", ("along",))
     P_d_worst = Variable("least reduction of any blade of a row, of any start", "percent")
@@ -254,10 +257,10 @@ def _attractor_row(attractor: "Attractor", ends: "LaneEnds", path: np.ndarray) -
         "P_d_ci": 0.0 if cycle is not None else float(np.sqrt(np.nanmean(ci**2) / len(lanes))),
         "P_d_least": float(P_d.min()) if is_family else mean,
         "P_d_most": float(P_d.max()) if is_family else mean,
-        "multipliers": np.full(13, np.nan + 0j) if cycle is None else cycle.multipliers,
+        "multipliers": np.full(12 + np.size(attractor.state.u_s), np.nan + 0j) if cycle is None else cycle.multipliers,
         "residual": np.nan if cycle is None else cycle.residual,
         "motion": attractor.state.motion,
-        **{name: np.asarray(getattr(attractor.state, name)) for name in ("u_s", "mode", "case")},
+        **contact_values(attractor.state),
         **_path_columns(path),
     }
 

@@ -12,6 +12,7 @@ from jaxshroud.io.variable import Attribute, ComplexVariable, MotionVariable, Va
 from jaxshroud.model.modes import BIFURCATION_KINDS, MULTIPLIER_KINDS, WAVE_RESIDUAL
 from jaxshroud.results.amplitudes import WithAmplitudes
 from jaxshroud.results.base import Result
+from jaxshroud.results.contact_state import contact_values, stored_state
 from jaxshroud.results.orbit import component_names
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.typed import typed
@@ -53,6 +54,9 @@ class Special(NamedTuple):
     error: float | None = None  # of the value, by a finer march; None if that found no such point or was not made
 
 
+OF_CONTACT_POINTS = ("interface", "contact_point")  # what is told of each; points are those of the branch
+
+
 class Branch(WithAmplitudes, Result):
     """Branches of periodic orbits, point by point in order of arc length, one branch after the other.
 
@@ -79,6 +83,8 @@ class Branch(WithAmplitudes, Result):
     u_s = Variable("slider at drive phase 0", "m", ("interface",))
     mode = Variable("contact mode at drive phase 0", None, ("interface",))
     case = Variable("contact case at drive phase 0", None, ("interface",))
+    point_u_s = Variable("slider of each point of contact at drive phase 0", "m", OF_CONTACT_POINTS)
+    point_mode = Variable("contact mode of each point of contact at drive phase 0", None, OF_CONTACT_POINTS)
     samples = Variable("x, y [m] and theta [rad] at the end of each period", None, ("turn", "displacement"))
     P = Variable("average power, Eq. (23)", "m4", ("blade",))
     P_d = Variable("vibration-power reduction of the left blade, or of a row, Eq. (24)", "percent")
@@ -179,10 +185,7 @@ class Branch(WithAmplitudes, Result):
 
     def start(self, point: int) -> "State":
         """The state of a point at drive phase 0, from which a run can start."""
-        from jaxshroud.model.prepared import State
-
-        motion = Motion(*(field[point] for field in self.motion))
-        return State(motion, self.u_s[point], self.mode[point], self.case[point])
+        return stored_state(self, Motion(*(field[point] for field in self.motion)), point)
 
     @property
     def messages(self) -> list[str]:
@@ -290,7 +293,7 @@ def _branch_row(number: int, i: int, branch: "ContinuedBranch", turns: int) -> d
         "kind": BIFURCATION_KINDS.index(point.kind or "regular"),
         "stable": bool(np.all(np.abs(point.multipliers) < 1)),
         "motion": cycle.start.motion,
-        **{name: getattr(cycle.start, name) for name in ("u_s", "mode", "case")},
+        **contact_values(cycle.start),
         "samples": samples,
         "slider_is_free": any(point.free),
         "onsets": touch.onsets,
@@ -298,7 +301,7 @@ def _branch_row(number: int, i: int, branch: "ContinuedBranch", turns: int) -> d
         "nearest_miss": touch.miss,
         **({"P_d_worst": power_reduction(cycle.P, cycle.P_0).min()} if layout.counted > 1 else {}),
         **(_values_of_wave(point.wave, len(cycle.multipliers)) if layout.closed else {}),
-        "gap": np.asarray(cycle.scene.shroud.gap, float),
+        "gap": np.asarray(cycle.scene.running_shroud.gap, float),
     }
 
 

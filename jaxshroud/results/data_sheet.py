@@ -64,7 +64,7 @@ class DataSheet(PlainResult):
     steps: int  # per period, "auto", by RK4
     doubts: tuple[str, ...]  # numbers that should be checked
     slide: float = 0.0  # displacement of the free blades' contact faces along each other, without rotation [m]
-    modes: "tuple[NaturalMode, ...]" = ()  # apart and in contact, without centrifugal stiffening
+    modes: "tuple[NaturalMode, ...]" = ()  # apart and in contact, at the scene's speed
     drive_order: float = 1.0  # engine order of the drive: the scene's own, or else the first of those asked for
     is_own_order: bool = False  # whether it is the scene's own
     engine_orders: tuple[float, ...] = ()  # those of the crossings
@@ -82,12 +82,19 @@ class DataSheet(PlainResult):
     static_gaps: tuple[float, ...] = ()  # under mean loads, at each interface, without contact [m]
     settled: "SettledMotion | None" = None  # from the static equilibrium; None where it is not judged
     harmonics: tuple[int, ...] = (1,)  # the orders of the drive's harmonics, multiples of its frequency
+    flow_modes: "tuple[FlowMode, ...]" = ()  # of a row in a flow, apart
+    over_speed: "SpeedLines | None" = None  # where stiffnesses or gaps depend on the speed
+
+    def summary(self) -> dict[str, JSONValue]:
+        """The fields as plain numbers and strings, as JSON holds them; None for numbers that are not finite."""
+        summary = super().summary()
+        return summary if self.over_speed else {k: v for k, v in summary.items() if k != "over_speed"}
 
     @property
     def campbell(self) -> "Campbell":
         """The natural frequencies and the engine orders over speed, as a dataset with a picture."""
         attributes = {name: getattr(self, name) for name in ("speed", "drive_order", "start", "stop")}
-        return Campbell.of_modes(self.modes, self.engine_orders, attributes, self.layout)
+        return Campbell.of_modes(self.modes, self.engine_orders, attributes, self.layout, self.over_speed)
 
     @property
     def layout(self) -> Layout:
@@ -118,6 +125,16 @@ class NaturalMode:
 
 
 @dataclass(frozen=True)
+class FlowMode:
+    """A mode along x of the blades of a row in a flow, apart: a wave exp(lambda t)."""
+
+    nodal_diameter: int | None  # of a tuned ring, positive where the wave travels forward; None: of another row
+    frequency: float  # |lambda| / 2 pi [Hz]
+    zeta: float  # damping ratio, -Re lambda / |lambda|; the motion grows where it is negative
+    zeta_flow: float  # what the flow adds to it
+
+
+@dataclass(frozen=True)
 class Crossing:
     """A speed at which an engine order meets a natural frequency."""
 
@@ -129,14 +146,25 @@ class Crossing:
     excited: bool | None = None  # whether the order excites the mode of a tuned ring; None: another scene
 
 
+@dataclass(frozen=True)
+class SpeedLines:
+    """Natural frequencies that depend on the speed."""
+
+    speeds: tuple[float, ...]  # [rad/s]
+    frequencies: tuple[tuple[float, ...], ...]  # of each mode at each speed [Hz]; NaN where it is not so in contact
+    crossings: tuple[tuple[float, ...], ...]  # the speed at which each engine order meets each mode; NaN: none
+    pressed: tuple[tuple[float, float], ...]  # the ranges of speeds in which the faces are pressed together at rest
+
+
 AT_END = 1e-9  # relative distance within which a crossing is at an end of the range: units are converted to rounding
 
 
 class Campbell(Result):
     """Natural frequencies against the speed, with the lines of engine orders and their crossings.
 
-    The frequencies do not depend on the speed: there is no centrifugal stiffening. The picture has one panel,
-    "frequency".
+    Where stiffnesses grow with the speed, or the gap changes with it, `frequency_at_speed` has the frequencies over
+    the speed: those in contact where the faces are pressed together at rest, those apart elsewhere. Else there is one
+    of each mode. The picture has one panel, "frequency".
     """
 
     stored_as = "campbell"
@@ -144,6 +172,7 @@ class Campbell(Result):
 
     contact = Variable("state of contact", None, ("family",))
     frequency = Variable("natural frequency, undamped", "Hz", ("family",))
+    frequency_at_speed = Variable("natural frequency over the speed, undamped", "Hz", ("family", "rotor_speed"))
     zeta = Variable("damping ratio", "1", ("family",))
     energy = Variable("share of the kinetic energy", "1", ("family", "coordinate"))
     driven = Variable("share of the drive that works on the mode", "1", ("family",))
@@ -170,11 +199,15 @@ class Campbell(Result):
         engine_orders: Sequence[float],
         attributes: Mapping[str, float],
         layout: Layout = PAIR,
+        lines: SpeedLines | None = None,
     ) -> "Campbell":
-        """The result from the modes, the engine orders, `speed`, `drive_order`, `start` and `stop`, and the layout."""
+        """The result from the modes, the engine orders, `speed`, `drive_order`, `start` and `stop`, and the layout.
+
+        With `lines` the frequencies depend on the speed.
+        """
         columns = {name: [getattr(mode, name) for mode in modes] for name in ("contact", "zeta", "energy", "driven")}
         frequency = np.array([mode.frequency for mode in modes])
-        crossing = crossing_speeds(frequency, engine_orders)
+        crossing = crossing_speeds(frequency, engine_orders, lines)
         margin = 100 * (attributes["speed"] / crossing - 1)
         values = {**columns, "frequency": frequency, "crossing_speed": crossing, "margin": margin, **attributes}
         values["excited"] = excited_by(modes, engine_orders, layout)
@@ -183,6 +216,8 @@ class Campbell(Result):
             "engine_order": [float(order) for order in engine_orders],
             "coordinate": [*COORDINATES],
         }
+        if lines is not None:
+            values["frequency_at_speed"], coords["rotor_speed"] = np.array(lines.frequencies), [*lines.speeds]
         return cls.from_values(values, coords=coords)
 
     def summary(self) -> dict[str, JSONValue]:
@@ -202,13 +237,14 @@ def crossings_between(
     start: float,
     stop: float,
     layout: Layout = PAIR,
+    lines: SpeedLines | None = None,
 ) -> tuple[Crossing, ...]:
     """The crossings from the speed `start` to `stop`, both included, the slowest first.
 
     Margins are those of `speed` [rad/s].
     """
     excited = excited_by(modes, engine_orders, layout)
-    crossing = crossing_speeds(np.array([mode.frequency for mode in modes]), engine_orders)
+    crossing = crossing_speeds(np.array([mode.frequency for mode in modes]), engine_orders, lines)
     inside = np.argwhere((crossing >= start * (1 - AT_END)) & (crossing <= stop * (1 + AT_END)))
     found = (
         Crossing(
@@ -241,6 +277,10 @@ def excited_by(modes: Sequence[NaturalMode], engine_orders: Sequence[float], lay
     return [[excites(float(order), mode.blades) for order in engine_orders] for mode in modes]
 
 
-def crossing_speeds(frequency: np.ndarray, engine_orders: Sequence[float]) -> np.ndarray:
+def crossing_speeds(
+    frequency: np.ndarray, engine_orders: Sequence[float], lines: SpeedLines | None = None
+) -> np.ndarray:
     """The speeds [rad/s] (families, orders) at which each engine order meets each natural frequency [Hz]."""
+    if lines is not None:
+        return np.array(lines.crossings)
     return 2 * np.pi * frequency[:, None] / np.asarray(engine_orders, float)

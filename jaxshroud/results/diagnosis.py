@@ -10,6 +10,7 @@ from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, ComplexVariable, MotionVariable, Variable, lanes_in_shape, lanes_in_words
 from jaxshroud.model.modes import Status
 from jaxshroud.results.base import Labels, Result
+from jaxshroud.results.contact_state import contact_values, stored_state
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.typed import typed
 from jaxshroud.signals.effects import NOT_RESOLVED, STUCK_SLIDER, exponent_text
@@ -46,6 +47,8 @@ class Lyapunov(Result):
     u_s = Variable("slider at the end", "m")
     mode = Variable("contact mode at the end")
     case = Variable("contact case at the end")
+    point_u_s = Variable("slider of each point at the end", "m", ("point",))
+    point_mode = Variable("contact mode of each point at the end", None, ("point",))
 
     @classmethod
     def of_exponents(
@@ -66,9 +69,7 @@ class Lyapunov(Result):
     @property
     def last(self) -> "State":
         """The state at the end, from which a run can go on."""
-        from jaxshroud.model.prepared import State
-
-        return State(self.motion, self.u_s, self.mode, self.case)
+        return stored_state(self, self.motion)
 
     def summary(self) -> dict[str, JSONValue]:
         """The exponents with their half widths in plain numbers, as `summary.json` holds them; of many scenes few."""
@@ -105,7 +106,7 @@ def _exponents_row(lane: "Exponents", periods: int) -> dict[str, Any]:
     """The values of one lane, with its growth filled up to the number of periods of the longest lane."""
     growth = np.full((periods, len(lane.exponents)), np.nan, lane.growth.dtype)
     growth[: len(lane.growth)] = lane.growth
-    state = {name: getattr(lane.last, name) for name in ("motion", "u_s", "mode", "case")}
+    state = {"motion": lane.last.motion, **contact_values(lane.last)}
     numbers = {"exponents": lane.exponents, "ci": lane.ci, "growth": growth}
     return {**numbers, "stuck": lane.stuck, "status": np.int32(lane.status), **state}
 

@@ -19,6 +19,7 @@ from jaxshroud.io.variable import (
 )
 from jaxshroud.results.amplitudes import WithAmplitudes
 from jaxshroud.results.base import Labels, Result
+from jaxshroud.results.contact_state import AT_POINTS, contact_values, stored_state
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import PAIR, Layout
@@ -44,9 +45,10 @@ ORBIT_FLAGS = (
 ORBIT_NUMBERS = ("q", "P_d", "P_d_vibration", "residual", "conditioning", "doubt", "updates", "periods", "status")
 
 
-def component_names(layout: Layout = PAIR) -> list[str]:
-    """The names of the numbers of a state, in the order of vectors."""
+def component_names(layout: Layout = PAIR, points: int = 0) -> list[str]:
+    """The names of the numbers of a state, in the order of vectors: of sliders with interface and point."""
     sliders = [f"slider_{j}" for j in range(*layout.interface_shape)] if layout.interface_shape else ["slider"]
+    sliders = [f"{name}_{m}" for name in sliders for m in range(points)] if points else sliders
     return [f"{name}_{blade}" for name in Motion._fields for blade in layout.names] + sliders
 
 
@@ -72,6 +74,8 @@ class Orbit(WithAmplitudes, Result):
     u_s = Variable("slider at the start", "m", ("interface",))
     mode = Variable("contact mode at the start", None, ("interface",))
     case = Variable("contact case at the start", None, ("interface",))
+    point_u_s = Variable("slider of each point at the start", "m", AT_POINTS)
+    point_mode = Variable("contact mode of each point at the start", None, AT_POINTS)
     q = Variable("period number; 0: no orbit", alone=True, kind=int)
     P = Variable("average power, Eq. (23); NaN without an orbit", "m4", ("blade",))
     P_0 = Variable("average power without contact, closed form", "m4", ("blade",))
@@ -93,6 +97,7 @@ class Orbit(WithAmplitudes, Result):
     end = Variable("state at the end of the orbit, in SI units", None, ("component",))
     end_mode = Variable("contact mode at the end", None, ("interface",))
     end_case = Variable("contact case at the end", None, ("interface",))
+    end_point_mode = Variable("contact mode of each point at the end", None, AT_POINTS)
     wave_parts = Variable(
         "parts of the period over which a travelling wave repeats; 0: no ring of alike blades", kind=int, alone=True
     )
@@ -131,7 +136,7 @@ class Orbit(WithAmplitudes, Result):
         values |= {"method": str(first.method), "steps_per_period": first.steps_per_period}
         values |= {"march": method_as_json(method_of(first.steps_per_period, first.method))}
         layout = first.scene.layout
-        names = component_names(layout)
+        names = component_names(layout, first.scene.points)
         coords = {"blade": np.arange(layout.blades), "component": names, "by_component": names}
         result = cls.from_values(values, coords=coords, layout=layout, **labels)
         result.scenes = jax.tree.map(lambda *a: lanes_in_shape(a, shape), *(cycle.scene for cycle in cycles))
@@ -163,9 +168,7 @@ class Orbit(WithAmplitudes, Result):
     @property
     def start(self) -> "State":
         """The state at drive phase 0."""
-        from jaxshroud.model.prepared import State
-
-        return State(self.motion, self.u_s, self.mode, self.case)
+        return stored_state(self, self.motion)
 
     @property
     def jacobian(self) -> "Tangents | None":
@@ -175,7 +178,8 @@ class Orbit(WithAmplitudes, Result):
 
         if not np.any(self.found):
             return None
-        lanes, end = np.shape(self.q), from_vector(self.end, self.end_mode, self.end_case, self.scene.layout)
+        lanes, modes = np.shape(self.q), self.end_mode if self.end_point_mode is None else self.end_point_mode
+        end = from_vector(self.end, modes, self.end_case, self.scene.layout, self.scene.points)
         by_numbers = (np.empty((*lanes, self.data.sizes[name], 0)) for name in ("component", "blade"))
         return Tangents(end, self.end, self.mean_square, self.status, self.M, self.power_by_start, *by_numbers)
 
@@ -274,16 +278,17 @@ class Orbit(WithAmplitudes, Result):
 def _orbit_row(cycle: "PeriodicOrbit") -> dict[str, Any]:
     """The values of one lane, NaN where there is no orbit."""
     start, jacobian = cycle.start, cycle.jacobian
+    end = start if jacobian is None else jacobian.end
     size, blades, dtype = len(cycle.multipliers), len(cycle.P), np.asarray(start.u_s).dtype
     nans = lambda *shape: np.full(shape, np.nan, dtype)
     numbers = {name: getattr(cycle, name) for name in (*ORBIT_NUMBERS, "P", "P_0", "multipliers", "flags")}
     return {
         **numbers,
-        **{"motion": start.motion, "u_s": start.u_s, "mode": start.mode, "case": start.case},
+        "motion": start.motion,
+        **contact_values(start),
         "M": nans(size, size) if jacobian is None else jacobian.by_state,
         "power_by_start": nans(blades, size) if jacobian is None else jacobian.power_by_state,
         "mean_square": nans(blades) if jacobian is None else jacobian.power,
         "end": nans(size) if jacobian is None else jacobian.vector,
-        "end_mode": start.mode if jacobian is None else jacobian.end.mode,
-        "end_case": start.case if jacobian is None else jacobian.end.case,
+        **{name: value for name, value in contact_values(end, "end_").items() if not name.endswith("u_s")},
     }

@@ -6,6 +6,7 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 from jaxshroud.scene.fields import PerBlade, per_blade
+from jaxshroud.scene.speed import grown
 from jaxshroud.scene.valid import check_numbers
 
 
@@ -26,7 +27,8 @@ class Blades(eqx.Module):
     """Both blades as lumped masses on springs (Sec. 2.1, Table 1).
 
     One value per blade: `blades.m[0]` is the paper's m_1. A single number means two equal blades.
-    `m_y` differs from `m` only where Eq. (21) is taken literally.
+    `m_y` differs from `m` only where Eq. (21) is taken literally. The stiffnesses are those at rest; at the speed Omega
+    of the rotor they are k_x + B_x m Omega^2, k_y + B_y m_y Omega^2 and k_T + B_T I Omega^2.
 
     Blades of one's own are a class derived from this one, with fields of further numbers, of which `matrices` are made.
     They march in rows; files cannot name them. Units of energy and numbers of steps are still those of the lumped ones.
@@ -42,6 +44,10 @@ class Blades(eqx.Module):
     c_T: PerBlade = eqx.field(converter=per_blade)  # damping [N m s/rad]
     m_y: PerBlade | None = eqx.field(converter=per_blade, default=None)  # mass in y [kg]; None: m
 
+    B_x: PerBlade | None = eqx.field(converter=per_blade, default=None, kw_only=True)  # growth with speed; None: 0
+    B_y: PerBlade | None = eqx.field(converter=per_blade, default=None, kw_only=True)
+    B_T: PerBlade | None = eqx.field(converter=per_blade, default=None, kw_only=True)
+
     def __check_init__(self):
         check_numbers("blades", self)
 
@@ -49,6 +55,19 @@ class Blades(eqx.Module):
     def inertia_y(self) -> Any:
         """The mass against motion in y [kg]."""
         return self.m if self.m_y is None else self.m_y
+
+    @property
+    def grow(self) -> bool:
+        """Whether a stiffness grows with the speed."""
+        return any(B is not None for B in (self.B_x, self.B_y, self.B_T))
+
+    def at_speed(self, square: Any) -> "Blades":
+        """The blades at the square of a speed [rad^2/s^2], whose stiffnesses grow no further."""
+        growths = (self.B_x, self.B_y, self.B_T)
+        masses, stiffnesses = (self.m, self.inertia_y, self.I), (self.k_x, self.k_y, self.k_T)
+        k = [grown(*numbers, square) for numbers in zip(stiffnesses, growths, masses, strict=True)]
+        places = lambda b: [b.k_x, b.k_y, b.k_T, b.B_x, b.B_y, b.B_T]
+        return eqx.tree_at(places, self, [*k, None, None, None], is_leaf=lambda part: part is None)
 
     def matrices(self) -> "BladeMatrices | None":
         """The matrices of blades with coordinates of their own; None: the lumped blades of the article."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxshroud.cache.programs import is_traced
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.keys import FROM_0, POSITIVE, Range
+from jaxshroud.scene.key import FROM_0, POSITIVE, Range
 from jaxshroud.scene.laws import Number
 from jaxshroud.scene.scene import scalar
 from jaxshroud.scene.typed import are_numbers, short_repr

@@ -20,9 +20,11 @@ from jaxshroud.scene.keys import ALL_KEYS, KEYS, Key, key_in
 from jaxshroud.scene.layout import PAIR, Layout, layout_with
 from jaxshroud.scene.messages import fail, first_problem, problem_text, toml_text
 from jaxshroud.scene.overrides import axes, axis, check_is_no_speed, override
+from jaxshroud.scene.point_entries import with_place_entries
 from jaxshroud.scene.replacing import plain_numbers
 from jaxshroud.scene.schema import PHYSICS_TABLES, ROW_TYPE, TABLE_MODELS, numbers_type, scene_file_type
 from jaxshroud.scene.shipped import aliases, shipped, shipped_paths
+from jaxshroud.scene.speed import GROWTHS, ORDER, SPEED_KEYS, UNTWIST, check_speed, depends_on_speed, keys_in
 from jaxshroud.scene.title import retitled
 from jaxshroud.scene.typed import typed
 
@@ -48,7 +50,7 @@ def resolve_derived_inputs(
     Raises:
         SceneError: Two keys give one number, or a value is invalid.
     """
-    given: GivenValues = {}
+    given = _order_beside_frequency(document, name, overridden, layout)
     is_set = lambda keys: any(key.parts in overridden for key in keys)
     for derived in inputs_in(layout):
         table, number = derived.number.parts
@@ -65,8 +67,22 @@ def resolve_derived_inputs(
     for key in given:
         table, entry = key.split(".")
         if given[key] is not None:
-            del document[table][entry]
+            document[table].pop(entry, None)
     return given
+
+
+def _order_beside_frequency(
+    document: Document, name: str, overridden: Collection[tuple[str, str]], layout: Layout
+) -> GivenValues:
+    """The engine order of a pair beside its frequency, which is only given where something depends on the speed."""
+    drive, key = document.get("drive"), ALL_KEYS[ORDER]
+    if layout != PAIR or not isinstance(drive, dict) or not depends_on_speed(keys_in(document)):
+        return {}
+    if "engine_order" not in drive or "speed" in drive or not {"omega", "f"} & set(drive):
+        return {}
+    check_is_no_speed(name, "drive.omega", drive.get("omega"), drive["engine_order"])
+    where = "--set" if key.parts in overridden else name
+    return plain_numbers({ORDER: _given_values(where, key, drive.pop("engine_order"), layout)})
 
 
 def _is_given(derived: DerivedInput, own: Collection[Key], rows: Document) -> bool:
@@ -181,15 +197,18 @@ def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str]) -
     if isinstance(document.get("initial"), str):
         document["initial"] = {"start": document["initial"]}
     original = copy.deepcopy(document) if len(overrides) else {}
-    of_row_first = sorted(overrides, key=lambda text: not text.lstrip().startswith("row."))  # they size the lists
-    overridden = {override(document, text) for text in of_row_first}
+    overridden = {override(document, text) for text in sorted(overrides, key=_precedence)}
     row = _validated(ROW_TYPE, document, name, overridden).row
     layout = layout_with(row)
     harmonics = resolve_orders(document, name, overridden)
     given = resolve_derived_inputs(document, name, overridden, layout)
     file = _validated(scene_file_type(layout, harmonics), document, name, overridden)
-    physics = {table: getattr(file, table) for table in ("row", *PHYSICS_TABLES)}
+    physics = {table: getattr(file, table) for table in ("row", "aero", *PHYSICS_TABLES)}
     tables = {table: table_values(of_file) for table, of_file in physics.items() if of_file is not None}
+    tables["contact"] = with_place_entries(tables["contact"])
+    numbers = {f"{table}.{entry}": value for table, part in tables.items() for entry, value in part.items()}
+    speed_is_set = any(f"{table}.{entry}" in (*GROWTHS, *UNTWIST) for table, entry in overridden)
+    check_speed(numbers, given, layout.blades, "--set" if speed_is_set else name)
     loaded = SceneFile(name, file.title, tables, file.run, given=given)
     if len(overrides):
         title = file.title or Path(name).name
@@ -198,6 +217,12 @@ def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str]) -
         return loaded
     place = f"{'--set' if 'sweep' in dict(overridden) else name}: [sweep]"
     return replace(loaded, axes=axes(loaded, file.sweep, place), direction=file.sweep.direction, keep=file.sweep.keep)
+
+
+def _precedence(text: str) -> int:
+    """The place of an override: first those of the row, which size lists, then what makes an engine order needed."""
+    text = text.lstrip()
+    return 0 if text.startswith("row.") else 1 if text.startswith(SPEED_KEYS) else 2
 
 
 def _validated(kind: Any, document: dict[str, Any], name: str, overridden: set[tuple[str, str]]) -> Any:

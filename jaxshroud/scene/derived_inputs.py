@@ -12,6 +12,7 @@
 | `drive.engine_order` of a row | `phase`  | phase of blade i = 2 pi order i / blades        |
 
 In a row the engine order alone gives the phases, and with a speed the frequency too; `omega` or `f` may be beside it.
+So they may in a pair whose stiffness or gap depends on its speed, which is omega over the engine order.
 
 Two keys for one quantity are an error, as with `gamma` and `k`. A model only sees the numbers that result; a scene
 remembers what it was given by, so that a number that changes takes with it those that are worked out from it.
@@ -27,6 +28,7 @@ import numpy as np
 from jaxshroud.scene.checks import KeyNameError, SceneError
 from jaxshroud.scene.keys import ALL_KEYS, KEYS, Key, find_key, parse_key
 from jaxshroud.scene.layout import PAIR, Layout
+from jaxshroud.scene.speed import needed_order
 
 BLOCK = "block"  # what a file gives as moment of inertia to have that of the block
 Numbers = Mapping[str, Any]  # key -> array, or None for what a word gives
@@ -140,10 +142,11 @@ def inputs_by_key(layout: Layout) -> Mapping[str, DerivedInput]:
     return {key.name: derived for derived in reversed(inputs_in(layout)) for key in derived.keys}
 
 
-def inputs_that_count(given: Numbers, layout: Layout) -> dict[str, Any]:
+def inputs_that_count(given: Numbers, layout: Layout, numbers: Container[str]) -> dict[str, Any]:
     """The inputs without those that give nothing, such as a speed without an engine order."""
-    by_key = inputs_by_key(layout)
-    return {key: value for key, value in given.items() if key not in by_key or by_key[key].counts(given)}
+    by_key, tells_speed = inputs_by_key(layout), needed_order(numbers, given)
+    counts = lambda key: key not in by_key or by_key[key].counts(given) or key in tells_speed
+    return {key: value for key, value in given.items() if counts(key)}
 
 
 def alternative_keys(key: str, layout: Layout = PAIR) -> list[str]:
@@ -251,4 +254,4 @@ def consistent(numbers: Numbers, given: Numbers, layout: Layout = PAIR) -> dict[
             for name in derived.marks:
                 if by_key.get(name, derived) is derived:
                     kept.pop(name, None)
-    return inputs_that_count(kept, layout)
+    return inputs_that_count(kept | needed_order(numbers, given), layout, numbers)

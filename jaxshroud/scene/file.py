@@ -14,6 +14,7 @@ from jaxshroud.scene.layout import Direction, Layout, reading_text
 from jaxshroud.scene.messages import fail
 from jaxshroud.scene.replacing import layout_of
 from jaxshroud.scene.schema import RunTable, Table
+from jaxshroud.scene.speed import without_zeros
 from jaxshroud.scene.typed import typed
 
 if TYPE_CHECKING:
@@ -112,4 +113,4 @@ def table_values(table: Table) -> dict[str, Any]:
             values[name] = value[0] if isinstance(value, tuple) and len(set(value)) == 1 else value
     if values.get("m_y", 0) == values.get("m"):
         del values["m_y"]  # so that an override of m in the written file changes both, as in the original
-    return values
+    return without_zeros(values)

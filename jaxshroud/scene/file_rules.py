@@ -6,7 +6,14 @@ import numpy as np
 from pydantic_core import PydanticCustomError
 
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import SPRUNG, Layout, require_parts
+from jaxshroud.scene.layout import (
+    AERO_FORCES,
+    COUPLED_WITHOUT_CONTACT,
+    SPRUNG,
+    Layout,
+    require_capability,
+    require_parts,
+)
 from jaxshroud.scene.point_numbers import check_number_of_points, check_points
 from jaxshroud.scene.typed import are_numbers
 from jaxshroud.scene.units import to_si
@@ -27,6 +34,16 @@ def one_stiffness(contact: Any) -> Any:
 def parts_are_of_its_layout(file: Any, layout: Layout) -> Any:
     """The file, whose parts a pair or a row can have."""
     require_parts(file.parts, file.contact.reading, layout)
+    return file
+
+
+def coupling_is_of_its_layout(file: Any, layout: Layout) -> Any:
+    """The file, whose blades a pair or a row couples so."""
+    if file.aero is not None:
+        require_capability(AERO_FORCES, layout)
+    coupled = any(table is not None and any(v is not None for _, v in table) for table in (file.coupling, file.aero))
+    if coupled and file.parts.contact == "none":
+        raise ValueError(COUPLED_WITHOUT_CONTACT)
     return file
 
 

@@ -1,23 +1,26 @@
-"""The tables [[drive.harmonic]] of a file as entries of its table [drive], `harmonic[1].F`, and the orders in them."""
+"""The tables within tables of a file: [[drive.harmonic]] as entries of [drive], `harmonic[1].F`; and their orders."""
 
 import math
 from collections.abc import Collection, Mapping
 from typing import Any
 
+from jaxshroud.scene.coupling_tables import with_own_tables, with_tables_in_row
 from jaxshroud.scene.keys import SINGLE_LOADS
 from jaxshroud.scene.messages import fail, toml_text
 from jaxshroud.scene.optional import A_HARMONIC, harmonic_count, require_number, split_harmonics
+from jaxshroud.scene.point_entries import with_listed_places
+from jaxshroud.scene.speed import depends_on_speed, keys_in
 
 FileDocument = dict[str, Any]
 
 
 def flattened(document: FileDocument, where: str) -> FileDocument:
-    """The document of a file, changed in place, with its harmonics as entries of the table [drive].
+    """The document of a file, changed in place, with its harmonics as entries of [drive]; see `with_own_tables` too.
 
     Raises:
         SceneError: They are no tables, or there is none.
     """
-    drive = document.get("drive")
+    drive = with_own_tables(document, where).get("drive")
     if not isinstance(drive, dict) or "harmonic" not in drive:
         return document
     harmonics = drive.pop("harmonic")
@@ -29,19 +32,22 @@ def flattened(document: FileDocument, where: str) -> FileDocument:
 
 
 def nested(tables: Mapping[str, Any]) -> dict[str, Any]:
-    """The tables of a file with its harmonics as tables [[drive.harmonic]]."""
-    drive = tables.get("drive")
+    """The tables of a file as they stand there: harmonics as tables, places of points as a list, tables of [row]."""
+    tables = dict(with_tables_in_row(tables))
+    drive, contact = tables.get("drive"), tables.get("contact")
+    if isinstance(contact, Mapping):
+        tables["contact"] = with_listed_places(contact)
     if not isinstance(drive, Mapping):
-        return dict(tables)
+        return tables
     plain, harmonics = split_harmonics(drive)
-    return {**tables, "drive": {**plain, "harmonic": harmonics}} if harmonics else dict(tables)
+    return {**tables, "drive": {**plain, "harmonic": harmonics}} if harmonics else tables
 
 
 def resolve_orders(document: FileDocument, name: str, overridden: Collection[tuple[str, str]] = ()) -> int:
     """Replace engine orders of harmonics by their orders, in place; how many harmonics there are.
 
     Where [drive] has no engine order, the greatest common divisor of those of the harmonics becomes it, in rows without
-    phases and beside a speed.
+    phases, beside a speed, and where the stiffness or the gap depends on that.
 
     Raises:
         SceneError: An order is no multiple of that of the drive, or two harmonics have one order.
@@ -57,7 +63,8 @@ def resolve_orders(document: FileDocument, name: str, overridden: Collection[tup
     given = [order for order in of if order is not None]
     if given:
         base = drive.get("engine_order", _divisor(given, count, name))
-        if "engine_order" not in drive and ("speed" in drive or ("row" in document and "phase" not in drive)):
+        tells = "speed" in drive or ("row" in document and "phase" not in drive) or depends_on_speed(keys_in(document))
+        if "engine_order" not in drive and tells:
             drive["engine_order"] = base
         for i, order in enumerate(of):
             if order is not None:

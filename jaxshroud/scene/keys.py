@@ -1,12 +1,22 @@
 """The table of the numbers of a scene, from which files, `vary`, results, pictures and docs/keys.md take their data."""
 
-import math
 import re
 from collections import ChainMap
-from types import EllipsisType
 from typing import Any, NamedTuple
 
 from jaxshroud.scene.checks import KeyNameError, hint
+from jaxshroud.scene.key import (
+    ANY,
+    ANY_WHOLE,
+    FACE,
+    FROM_0,
+    POSITIVE,
+    Key,
+    Range,
+    blade_key,
+    interface_key,
+    scene_key,
+)
 from jaxshroud.scene.layout import PAIR, Layout
 
 
@@ -28,110 +38,11 @@ class Motion(NamedTuple):
 AT_REST = Motion(*[(0.0, 0.0)] * 6)
 KEY_PATTERN = re.compile(r"(?P<name>.*?)(\[(?P<index>0|[1-9]\d{0,3})\])?")
 HARMONIC_ENTRY = re.compile(r"harmonic\[(?P<index>0|[1-9]\d?)\]\.(?P<name>\w+)")  # of the table `drive`
+POINT_ENTRY = re.compile(r"point\[(?P<index>0|[1-9]\d?)\]\.place")  # of the table `contact`
 SINGLE_LOADS = ("beta", "F_0", "M_0")  # of a drive without a list of harmonics
 MAX_ORDER = 99  # of a harmonic
 MIN_BLADES, MAX_BLADES = 2, 512  # of a row
-
-
-class Range(NamedTuple):
-    """The range of a number."""
-
-    words: str
-    minimum: float = -math.inf
-    open: bool = False  # whether the minimum itself is excluded
-    maximum: float = math.inf
-    whole: bool = False  # whether only whole numbers are in the range
-
-    def holds(self, value):
-        """Whether a number, or each of an array, is in the range."""
-        above = value > self.minimum if self.open else value >= self.minimum
-        inside = (abs(value) < math.inf) & above & (value <= self.maximum)
-        return inside & _is_whole(value) if self.whole else inside
-
-    def fault(self, value: float) -> str:
-        """The message for a number outside the range."""
-        if not abs(value) < math.inf:
-            return "must be a finite number"
-        if self.whole and not _is_whole(value):
-            return "must be a whole number"
-        if value > self.maximum:
-            return f"must be less than or equal to {self.maximum}"
-        return f"must be greater than {'' if self.open else 'or equal to '}{self.minimum:g}"
-
-
-def _is_whole(value):
-    """Whether a number, or each of an array, is whole."""
-    return value.round() == value if hasattr(value, "round") else float(value).is_integer()
-
-
-class Key(NamedTuple):
-    """One number of a scene."""
-
-    name: str  # table.key
-    unit: str  # SI unit in messages
-    pair: bool  # one value per blade
-    range: Range
-    symbol: str  # LaTeX
-    label: str  # of an axis
-    example: str | float | list[str]  # a value as in a file
-    about: str  # meaning
-    default: float | EllipsisType | None  # value if a file leaves it out; None: no value; ...: required
-    per_interface: bool = False  # one value per interface of a row; one of the pair
-
-    @property
-    def parts(self) -> tuple[str, str]:
-        """Table and key."""
-        table, _, key = self.name.partition(".")
-        return table, key
-
-    @property
-    def netcdf(self) -> str:
-        """The SI unit as NetCDF files write it: "N m rad-1" for "N m/rad"."""
-        above, _, below = self.unit.replace("^", "").partition("/")
-        return f"{above} {below}-1" if below else above or "1"
-
-    @property
-    def shown(self) -> tuple[str, float]:
-        """The unit in pictures, and its number per SI unit."""
-        return DISPLAY_UNITS.get(self.name) or DISPLAY_UNITS.get(self.unit, (self.unit, 1.0))
-
-
-ANY, POSITIVE, FROM_0 = Range("any"), Range("> 0", 0.0, open=True), Range(">= 0", 0.0)
-ANY_WHOLE = Range("whole", whole=True)
-FACE = Range("> 0, <= pi/2", 0.0, open=True, maximum=math.pi / 2)
-DISPLAY_UNITS = {  # SI unit, or key -> unit in pictures, and its number per SI unit
-    "rad": ("°", 180 / math.pi),
-    "m": ("mm", 1e3),
-    "kg": ("g", 1e3),
-    "kg m^2": ("g m²", 1e3),
-    "N/m": ("kN/m", 1e-3),
-    "drive.speed": ("rpm", 30 / math.pi),
-    **{f"blades.zeta_{name}": ("%", 100.0) for name in ("x", "y", "T")},
-}
-
-
-def scene_key(
-    name: str,
-    unit: str,
-    allowed: Range,
-    symbol: str,
-    label: str,
-    example: str | float | list[str],
-    about: str = "",
-    default: float | EllipsisType | None = ...,
-) -> Key:
-    """The key of a number of the whole scene."""
-    return Key(name, unit, False, allowed, symbol, label, example, about or label, default)
-
-
-def blade_key(*row: Any, **options: Any) -> Key:
-    """The key of a number per blade; the arguments are those of `scene_key`."""
-    return scene_key(*row, **options)._replace(pair=True)
-
-
-def interface_key(*row: Any, **options: Any) -> Key:
-    """The key of a number per interface of a row; the arguments are those of `scene_key`."""
-    return scene_key(*row, **options)._replace(per_interface=True)
+TABLES_IN_ROW = ("coupling", "aero")  # that may stand in [row]
 
 
 SCENE_KEYS = (
@@ -145,6 +56,15 @@ SCENE_KEYS = (
     blade_key("blades.c_y", "N s/m", FROM_0, "c_y", "damping", "19.6 N s/m", "damping in y"),
     blade_key("blades.c_T", "N m s/rad", FROM_0, "c_T", "torsion damping", "0.506 N m s/rad"),
     blade_key("blades.m_y", "kg", POSITIVE, "m_y", "mass in y", "0.08 kg", "mass against motion in y", default=None),
+    blade_key(
+        "blades.B_x", "", ANY, "B_x", "growth with speed", 1.1, "growth of k_x, by m times speed^2", default=None
+    ),
+    blade_key(
+        "blades.B_y", "", ANY, "B_y", "growth with speed", 1.1, "growth of k_y, by m times speed^2", default=None
+    ),
+    blade_key(
+        "blades.B_T", "", ANY, "B_T", "growth with speed", 0.5, "growth of k_T, by I times speed^2", default=None
+    ),
     scene_key(
         "shroud.alpha", "rad", FACE, r"\alpha", "shroud angle", "60 deg", "acute angle of the block, at most pi/2"
     ),
@@ -153,6 +73,8 @@ SCENE_KEYS = (
     interface_key(
         "shroud.gap", "m", ANY, r"\Delta", "initial gap", "0.022 mm", "initial gap along x; negative: interference"
     ),
+    interface_key("shroud.gap_at", "m", ANY, r"\Delta_\Omega", "gap at speed", "-5 um", "gap at gap_at_speed", None),
+    scene_key("shroud.gap_at_speed", "rad/s", POSITIVE, r"\Omega_\Delta", "speed of gap_at", "3000 rpm", default=None),
     interface_key("contact.k", "N/m", FROM_0, "k", "contact stiffness", "2.5e5 N/m", "impact stiffness", default=None),
     interface_key(
         "contact.gamma", "", FROM_0, r"\gamma = k/k_x", "stiffness ratio", 2.5, "stiffness ratio k / k_x", None
@@ -160,6 +82,22 @@ SCENE_KEYS = (
     interface_key("contact.width", "m", POSITIVE, "w", "width of smooth contact", "0.1 um", default=None),
     interface_key("friction.k_d", "N/m", FROM_0, "k_d", "friction stiffness", "1e6 N/m", "tangential stiffness"),
     interface_key("friction.mu", "", FROM_0, r"\mu", "friction coefficient", 0.5),
+    interface_key(
+        "coupling.k_x", "N/m", FROM_0, "k_{c,x}", "coupling stiffness", "2e4 N/m", "between neighbours", None
+    ),
+    interface_key(
+        "coupling.k_y", "N/m", FROM_0, "k_{c,y}", "coupling stiffness", "2e4 N/m", "of neighbours in y", None
+    ),
+    interface_key("coupling.k_T", "N m/rad", FROM_0, "k_{c,T}", "coupling stiffness", "50 N m/rad", "in torsion", None),
+    interface_key(
+        "coupling.c_x", "N s/m", FROM_0, "c_{c,x}", "coupling damping", "1 N s/m", "between neighbours", None
+    ),
+    interface_key(
+        "coupling.c_y", "N s/m", FROM_0, "c_{c,y}", "coupling damping", "1 N s/m", "of neighbours in y", None
+    ),
+    interface_key(
+        "coupling.c_T", "N m s/rad", FROM_0, "c_{c,T}", "coupling damping", "0.01 N m s/rad", "in torsion", None
+    ),
     scene_key(
         "drive.omega",
         "rad/s",
@@ -201,6 +139,20 @@ INPUT_KEYS = (  # other ways to give numbers of the scene, which `derived_inputs
     scene_key("drive.speed", "rad/s", POSITIVE, r"\Omega", "speed", "853 rpm", "speed of the rotor, for omega"),
 )
 
+AERO_KEYS = tuple(  # the real and the imaginary part of each influence coefficient
+    scene_key(
+        f"aero.{name}_{part.lower()}",
+        "N/m",
+        ANY,
+        rf"\mathrm{{{part}}}\,L_{{{index}}}",
+        "influence coefficient",
+        example,
+        f"{words} part of the force along x by the motion of {of}",
+        None,
+    )
+    for name, index, of in (("L0", 0, "the blade itself"), ("L1", 1, "the next blade"), ("L_1", -1, "the one before"))
+    for part, words, example in (("Re", "real", "-500 N/m"), ("Im", "imaginary", "-2e3 N/m"))
+)
 ROW_KEYS = {  # of scenes with a row
     row.name: row
     for row in (
@@ -214,6 +166,7 @@ ROW_KEYS = {  # of scenes with a row
             "relative deviation of the stiffnesses k_x, k_y and k_T",
             0.0,
         ),
+        *AERO_KEYS,
     )
 }
 HARMONIC_KEYS = {  # of each table [[drive.harmonic]], by their names in it
@@ -227,17 +180,36 @@ HARMONIC_KEYS = {  # of each table [[drive.harmonic]], by their names in it
 }
 
 
+PLACE_KEY = scene_key("contact.place", "m", ANY, "s_{%s}", "place", "17.5 mm", "place up the face from its middle")
+
+
 class KeyTable(ChainMap[str, Key]):
-    """The keys by their names. Those of the harmonics of a drive, of which there are any number, are not listed."""
+    """The keys by their names. Those of harmonics and of points of contact, of any number, are not listed."""
 
     def __contains__(self, name: object) -> bool:
-        return super().__contains__(name) or (isinstance(name, str) and harmonic_key(name) is not None)
+        return super().__contains__(name) or (isinstance(name, str) and numbered_key(name) is not None)
 
     def __missing__(self, name: str) -> Key:
-        found = harmonic_key(name)
+        found = numbered_key(name)
         if found is None:
             raise KeyError(name)
         return found
+
+
+def numbered_key(name: str) -> Key | None:
+    """The key of a number of one harmonic or one point of contact; None for any other name."""
+    return harmonic_key(name) or point_key(name)
+
+
+def point_key(name: str) -> Key | None:
+    """The key of the place of one point of contact, `contact.point[1].place`; None for any other name."""
+    table, _, entry = name.partition(".")
+    match = POINT_ENTRY.fullmatch(entry)
+    if table != "contact" or match is None:
+        return None
+    words = f" of point [{match['index']}]"
+    row = PLACE_KEY
+    return row._replace(name=name, symbol=row.symbol % match["index"], label=row.label + words, about=row.about + words)
 
 
 def harmonic_key(name: str) -> Key | None:
@@ -281,8 +253,14 @@ def key_in(key: Key, layout: Layout) -> Key:
 
 
 def key_names(layout: Layout) -> list[str]:
-    """The names of the numbers of a scene; `row.mistuning` is one of rows."""
+    """The names of the numbers of a scene; those of rows alone where it has one."""
     return [name for name in ALL_KEYS if layout != PAIR or name not in ROW_KEYS]
+
+
+def without_row(key: str) -> str:
+    """A key in a table of its own that a file with a row may also write as `row.coupling.k_x`."""
+    own = key.strip().removeprefix("row.")
+    return own if own.partition(".")[0] in TABLES_IN_ROW else key
 
 
 def key_stem(key: str) -> str:
@@ -296,7 +274,7 @@ def parse_key(key: str, where: str = "", layout: Layout = PAIR) -> tuple[Key, in
 
     The arguments, and what is raised, are those of `find_key`; the layout says which keys a message suggests.
     """
-    match = KEY_PATTERN.fullmatch(key)
+    match = KEY_PATTERN.fullmatch(without_row(key))
     if match is None or match["name"] not in ALL_KEYS:
         raise _unknown_key(key, where, layout)
     return ALL_KEYS[match["name"]], None if match["index"] is None else int(match["index"])

@@ -172,6 +172,10 @@ class Capability(NamedTuple):
 
 OWN_LAWS = '`parts.contact` = "own"'  # user laws; a law of contact of one's own may know rows
 NO_CONTACT = '`parts.contact` = "none"'  # which scenes may have, and verbs refuse
+AERO_FORCES = "[aero]"
+COUPLED_WITHOUT_CONTACT = (
+    'Coupled blades have no closed form through time: drop `parts.contact` = "none", and give a large shroud.gap.'
+)
 TWO_BLADES = "it reads the state as the 13 numbers of two blades with one slider"
 CAPABILITIES = (
     Capability("`attractors`", "pair so far", "motions are told apart by orbits of two blades with one slider"),
@@ -196,6 +200,9 @@ CAPABILITIES = (
         "a mean displacement as an aim", "pair", "its sign differs from blade to blade of a row; take rms or peak"
     ),
     Capability("`mistune`", "rows", "it scatters the stiffnesses of many blades; add a table [row]"),
+    Capability(
+        AERO_FORCES, "rows", "influence coefficients are of blades with neighbours on both sides; add a table [row]"
+    ),
     Capability("P_d_worst", "rows", "of a pair one blade counts, the left one; take P_d"),
 )
 LIMITED = {capability.name: capability for capability in CAPABILITIES}
@@ -203,12 +210,12 @@ LIMITED = {capability.name: capability for capability in CAPABILITIES}
 
 POINTS_OF_CONTACT = "faces with several points of contact"
 KNOW_LINEAR = ("power", "sweep", "response", "tune", "table", "scatter", "gradient", "check")  # verbs
-KNOW_POINTS = ("simulate", "power", "sweep", "explain", "check")  # verbs
+LACK_POINTS = ("trade", "check_laws")  # verbs
 
 
 def require_points(verb: str, points: object, where: str = "") -> None:
     """Raise an InputError if there are `points`, but a verb, or a function, knows no faces with several of them."""
-    if points is not None and verb not in KNOW_POINTS:
+    if points and verb in LACK_POINTS:
         raise InputError(f"{where}`{verb}` does not know {POINTS_OF_CONTACT} yet; drop `contact.points`.")
 
 

@@ -4,11 +4,15 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from jaxshroud.scene.checks import KeyNameError
-from jaxshroud.scene.keys import ALL_KEYS, HARMONIC_ENTRY, SINGLE_LOADS
+from jaxshroud.scene.keys import AERO_KEYS, ALL_KEYS, HARMONIC_ENTRY, POINT_ENTRY, SINGLE_LOADS, keys_of_table
+from jaxshroud.scene.point_entries import no_place, place_count
+from jaxshroud.scene.speed import GROWTHS, UNTWIST
 
 NO_WIDTH = "The scene's contact is not smooth: it has no width."
 MEAN_LOADS = ("drive.F_x_mean", "drive.F_y_mean", "drive.M_mean")
-WITHOUT_EFFECT = {"drive.level": 1.0, **dict.fromkeys(MEAN_LOADS, 0.0)}  # of which a scene without them is the same
+COUPLINGS = tuple(row.name for row in (*keys_of_table("coupling"), *AERO_KEYS))
+# of which a scene without them is the same
+WITHOUT_EFFECT = {"drive.level": 1.0, **dict.fromkeys((*MEAN_LOADS, *COUPLINGS, *GROWTHS), 0.0)}
 A_HARMONIC = "[[drive.harmonic]] with order = 2, F = 20 and beta = 0.5"  # an example
 
 
@@ -41,16 +45,21 @@ def require_number(name: str, present: Collection[str], where: str = "") -> None
     """
     if name in present:
         return
-    if reason := _absence(name, [key.partition(".")[2] for key in present if key.startswith("drive.")]):
+    if reason := _absence(name, present):
         raise KeyNameError(f"{where}: {reason}" if where else reason)
 
 
-def _absence(name: str, drive: Collection[str]) -> str:
-    """Why a scene whose drive has these entries cannot have a number; empty: it can."""
+def _absence(name: str, present: Collection[str]) -> str:
+    """Why a scene with these numbers cannot have another; empty: it can."""
     if name == "contact.width":
         return NO_WIDTH
+    if name in UNTWIST:
+        return f"the scene has no {name}: its gap does not depend on its speed; add {' and '.join(UNTWIST)} to its file"
     table, _, entry = name.partition(".")
-    match, count = HARMONIC_ENTRY.fullmatch(entry), harmonic_count(drive)
+    entries = [key.partition(".")[2] for key in present if key.startswith(f"{table}.")]
+    if table == "contact" and (point := POINT_ENTRY.fullmatch(entry)):
+        return no_place(int(point["index"]), place_count(entries))
+    match, count = HARMONIC_ENTRY.fullmatch(entry), harmonic_count(entries)
     if table != "drive":
         return ""
     if match is not None and int(match["index"]) >= count:
@@ -72,5 +81,7 @@ def standing_for(name: str, numbers: Mapping[str, Any]) -> Any:
     if name == "blades.m_y":
         return numbers["blades.m"]
     if name in WITHOUT_EFFECT:
-        return WITHOUT_EFFECT[name] + 0 * numbers["drive.phase" if ALL_KEYS[name].pair else "drive.omega"]
+        row = ALL_KEYS[name]
+        like = "drive.phase" if row.pair else "shroud.gap" if row.per_interface else "drive.omega"
+        return WITHOUT_EFFECT[name] + 0 * numbers[like]
     return 0 * numbers[name.replace(".phase", ".F")]  # of a harmonic

@@ -81,4 +81,5 @@ def _require_corner(scene: Scene) -> None:
 
 def _with_contact(scene: Scene, contact: Contact, parts: Parts, laws: SceneLaw | None = None) -> Scene:
     s = scene
-    return Scene(s.blades, s.shroud, contact, s.friction, s.drive, s.initial, parts, laws, s.given, s.row, s.start)
+    of_row = s.given, s.row, s.coupling, s.aero, s.start
+    return Scene(s.blades, s.shroud, contact, s.friction, s.drive, s.initial, parts, laws, *of_row)

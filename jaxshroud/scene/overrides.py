@@ -9,17 +9,31 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from jaxshroud.scene.checks import MAX_VALUES
+from jaxshroud.scene.coupling_tables import COEFFICIENTS, parts_of_coefficient
 from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, alternative_keys, check_known
 from jaxshroud.scene.file import Axis, SceneFile
-from jaxshroud.scene.keys import ALL_KEYS, ANY, HARMONIC_ENTRY, KEYS, Key, find_key, list_words, number_shape
+from jaxshroud.scene.keys import (
+    ALL_KEYS,
+    ANY,
+    HARMONIC_ENTRY,
+    KEYS,
+    POINT_ENTRY,
+    Key,
+    find_key,
+    list_words,
+    number_shape,
+    without_row,
+)
 from jaxshroud.scene.layout import Layout, layout_with
 from jaxshroud.scene.messages import fail, problem_text, toml_text
-from jaxshroud.scene.optional import require_number
+from jaxshroud.scene.optional import WITHOUT_EFFECT, require_number
+from jaxshroud.scene.point_entries import no_place
 from jaxshroud.scene.replacing import STIFFNESS_KEYS
 from jaxshroud.scene.schema import TABLE_MODELS, RowTable, SweepTable, number_type, row_table_of
+from jaxshroud.scene.speed import keys_in, replaced_by
 from jaxshroud.scene.units import is_speed_of_rotation
 
-OVERRIDE = re.compile(r"\s*([a-z]+)\.(\w+|harmonic\[\d+\]\.\w+)(?:\[(0|[1-9]\d{0,3})\])?\s*=\s*(\S.*?)\s*")
+OVERRIDE = re.compile(r"\s*([a-z]+)\.(\w+|(?:harmonic|point)\[\d+\]\.\w+)(?:\[(0|[1-9]\d{0,3})\])?\s*=\s*(\S.*?)\s*")
 WORDS = re.compile(r"[a-zA-Z_][\w.]*(\s*,\s*[a-zA-Z_][\w.]*)+")
 BRACKETS = re.compile(r"\[[^\[\]\"'{}]+\]")
 # Setting the left key drops the right ones, which say the same.
@@ -74,7 +88,7 @@ def check_is_no_speed(where: str, key: str, value: Any, engine_order: Any) -> No
 
 def override(document: dict[str, Any], text: str) -> tuple[str, str]:
     """Set one key of the `document` in place; its table and name are returned."""
-    match, row = OVERRIDE.fullmatch(text), row_table_of(document)
+    match, row = OVERRIDE.fullmatch(without_row(text)), row_table_of(document)
     if match is None:
         fail("--set", f"{toml_text(text)} is not table.key=value, e.g. --set contact.gamma=3")
     table, name, value = match[1], match[2], literal(match[4])
@@ -88,12 +102,25 @@ def override(document: dict[str, Any], text: str) -> tuple[str, str]:
         if value is None:
             return "", ""  # likewise
     check_is_no_speed("--set", f"{table}.{name}", value, rows.get("engine_order"))
-    rows[name] = value
-    alternatives = [tuple(key.split(".")) for key in alternative_keys(f"{table}.{name}", layout_with(row))]
+    if (point := POINT_ENTRY.fullmatch(name)) and table == "contact":
+        _set_place(rows, int(point["index"]), value)
+        return table, "points"
+    rows |= parts_of_coefficient(name, value, "--set") if table == "aero" and name in COEFFICIENTS else {name: value}
+    others = replaced_by(f"{table}.{name}", alternative_keys(f"{table}.{name}", layout_with(row)), keys_in(document))
+    alternatives = [tuple(key.split(".")) for key in others]
     for rival_table, rival_key in [*EXCLUSIVE_KEYS.get((table, name), []), *_other_order(table, name), *alternatives]:
         if isinstance(document.get(rival_table), dict):
             document[rival_table].pop(rival_key, None)
     return table, name
+
+
+def _set_place(contact: dict[str, Any], m: int, place: Any) -> None:
+    """Set the place of one point of contact in the list of a table [contact], in place."""
+    points = contact.get("points")
+    count = len(points) if isinstance(points, list) else 0
+    if m >= count:
+        fail("--set", no_place(m, count))
+    contact["points"] = [place if i == m else other for i, other in enumerate(points)]
 
 
 def _other_order(table: str, name: str) -> list[tuple[str, str]]:
@@ -137,7 +164,8 @@ def _old_value(rows: dict[str, Any], table: str, name: str, row: RowTable | None
     if row is not None and (table, name) == ("row", "mistuning"):
         return list(row.mistuning)
     is_zero = table == "initial" or HARMONIC_ENTRY.fullmatch(name)
-    return rows.get(name, rows.get("m") if name == "m_y" else 0.0 if is_zero else None)
+    standing = rows.get("m") if name == "m_y" else 0.0 if is_zero else WITHOUT_EFFECT.get(f"{table}.{name}")
+    return rows.get(name, standing)
 
 
 def axis(

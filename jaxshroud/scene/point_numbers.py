@@ -1,5 +1,6 @@
 """Where the points of contact of a face are, and their shares of its stiffnesses, as plain numbers."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -50,13 +51,16 @@ def check_shares(shares: NDArray[np.float64], number: int) -> None:
         raise InputError(f"[contact] shares sum to {float(np.ravel(total)[0]):g}, not to 1; scale them.")
 
 
-def check_places(lengths: NDArray[np.float64], l_ab: Any) -> None:
-    """Raise InputError unless points at these places [m] lie on a face of that length [m]."""
-    longest, end = float(np.max(np.abs(lengths))), float(np.max(l_ab)) / 2
-    if not longest <= end * (1 + 1e-9):
-        raise InputError(
-            f"[contact] points has a place {longest:g} m from the middle of the face, beyond its end at {end:g} m."
-        )
+def check_places(lengths: Iterable[Any], l_ab: Any) -> None:
+    """Raise InputError unless points at these places [m], of many scenes or of one, lie on faces of that length [m]."""
+    for place in lengths:
+        reach, end = np.broadcast_arrays(np.abs(np.asarray(place)), np.asarray(l_ab) / 2)
+        beyond = ~(reach <= end * (1 + 1e-9))
+        if beyond.any():
+            longest, end = (float(a[beyond][0]) for a in (reach, end))
+            raise InputError(
+                f"[contact] points has a place {longest:g} m from the middle of the face, beyond its end at {end:g} m."
+            )
 
 
 def check_points(points: Any, shares: Any, l_ab: float) -> None:
@@ -64,4 +68,4 @@ def check_points(points: Any, shares: Any, l_ab: float) -> None:
     found = np.asarray(shares_of(points, shares), float)
     check_shares(found, len(points) if np.ndim(points) else points)
     if np.ndim(points):
-        check_places(np.asarray(points, float), l_ab)
+        check_places(points, l_ab)

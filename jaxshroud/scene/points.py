@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxshroud.cache.programs import is_traced
+from jaxshroud.scene.point_entries import place_entry
 from jaxshroud.scene.point_numbers import (
     check_number_of_points,
     check_places,
@@ -34,36 +35,40 @@ class ContactPoints(eqx.Module):
         The trapezoidal rule for a face of springs (Winkler's).
     """
 
-    places: Float[Array, "... points"]  # as fractions of l_ab, or [m]
+    places: tuple[Float[Array, "..."], ...]  # as fractions of l_ab, or [m]
     shares: Float[Array, "... points"]
     scale_with_face: bool = eqx.field(static=True)  # whether places are fractions of l_ab
 
     def __init__(self, places: Any, shares: Any = None):
         self.scale_with_face = np.ndim(places) == 0
         own, shares = evenly_spaced(places) if self.scale_with_face else places, shares_of(places, shares)
-        check_number_of_points(np.shape(own)[-1])
+        check_number_of_points(len(own))
         if not is_traced(shares):
-            check_shares(np.asarray(shares, float), np.shape(own)[-1])
-        self.places, self.shares = jnp.asarray(own, float), jnp.asarray(shares, float)
+            check_shares(np.asarray(shares, float), len(own))
+        self.places, self.shares = tuple(jnp.asarray(place, float) for place in own), jnp.asarray(shares, float)
 
     @property
     def number(self) -> int:
         """How many points there are."""
-        return self.places.shape[-1]
+        return len(self.places)
 
     def lengths(self, l_ab: Any) -> Any:
-        """The places on a face of that length [m]."""
-        return self.places * l_ab if self.scale_with_face else self.places
+        """The places of the points on a face of that length [m], one after another."""
+        return tuple(place * l_ab for place in self.places) if self.scale_with_face else self.places
+
+    def by_entry(self) -> dict[str, Any]:
+        """The places [m] by their entries of the table [contact]; none where they scale with the face."""
+        return {} if self.scale_with_face else {place_entry(m): place for m, place in enumerate(self.places)}
 
     def check_on(self, l_ab: Any) -> None:
         """Raise InputError unless the points lie on a face of that length [m]; traced numbers pass."""
         if not is_traced((self.places, l_ab)) and not self.scale_with_face:
-            check_places(np.asarray(self.places), np.asarray(l_ab))
+            check_places(self.places, l_ab)
 
     def as_given(self) -> dict[str, Any]:
-        """The points of one scene as a file gives them."""
-        places, shares = np.asarray(self.places).tolist(), np.asarray(self.shares)
+        """The points of one scene as a file gives them, without the places of `by_entry`."""
+        shares = np.asarray(self.shares)
         if not self.scale_with_face:
-            return {"points": places, "shares": shares.tolist()}
+            return {"shares": shares.tolist()}
         usual = np.array_equal(shares, trapezoidal_shares(self.number))
         return {"points": self.number, **({} if usual else {"shares": shares.tolist()})}

@@ -12,7 +12,7 @@ def is_preloaded(scene: Scene) -> bool:
     """Whether there is a mean load or interference in a scene, or in some of many."""
     numbers = fields_of(scene)
     loaded = any(np.any(np.asarray(numbers[key])) for key in MEAN_LOADS if key in numbers)
-    return loaded or (scene.parts.contact != "none" and bool(np.any(np.asarray(scene.shroud.gap) < 0)))
+    return loaded or (scene.parts.contact != "none" and bool(np.any(np.asarray(scene.running_shroud.gap) < 0)))
 
 
 def counted_reduction(scene: Scene) -> RequiredReduction:

@@ -22,6 +22,7 @@ from jaxshroud.scene.derived_inputs import (
 from jaxshroud.scene.keys import ALL_KEYS, Key, find_key, number_shape
 from jaxshroud.scene.layout import PAIR, Layout, row_layout
 from jaxshroud.scene.optional import require_number, standing_for
+from jaxshroud.scene.speed import replaced_by, require_phases_of_order
 
 STIFFNESS_KEYS = {"contact.k": "contact.gamma", "contact.gamma": "contact.k"}  # each drops the other
 
@@ -69,11 +70,14 @@ def renamed_numbers(
         own = number_shape(number, layout)
         if index is not None:
             value = xp.where(np.arange(*own) == index, value[..., None], _all_of(number, index, holder, numbers))
-        for other in (*alternative_keys(number.name, layout), *([] if is_input else [number.name])):
+        others = alternative_keys(number.name, layout)
+        require_phases_of_order(number.name, others, numbers)
+        others = replaced_by(number.name, others, numbers)
+        for other in (*others, *([] if is_input else [number.name])):
             given.pop(other, None)
         numbers.pop(STIFFNESS_KEYS.get(number.name, ""), None)
         holder[number.name] = xp.broadcast_to(value, np.broadcast_shapes(value.shape, (*lanes, *own)))
-    return numbers, inputs_that_count(given, layout)
+    return numbers, inputs_that_count(given, layout, numbers)
 
 
 def _all_of(number: Key, index: int, holder: Numbers, numbers: Numbers) -> Any:

@@ -7,8 +7,10 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.cache.programs import is_traced
 from jaxshroud.scene.blades import BladeMatrices, Blades
 from jaxshroud.scene.checks import InputError, type_argument, word_argument
+from jaxshroud.scene.coupling import Aero, Coupling
 from jaxshroud.scene.drive import Drive, Harmonic
 from jaxshroud.scene.fields import PerBlade, per_blade, scalar
 from jaxshroud.scene.keys import (
@@ -24,6 +26,8 @@ from jaxshroud.scene.keys import (
 )
 from jaxshroud.scene.laws import Number, SceneLaw
 from jaxshroud.scene.layout import (
+    AERO_FORCES,
+    COUPLED_WITHOUT_CONTACT,
     OWN_LAWS,
     SPRUNG,
     Layout,
@@ -36,7 +40,9 @@ from jaxshroud.scene.layout import (
     row_layout,
 )
 from jaxshroud.scene.optional import split_harmonics
+from jaxshroud.scene.point_entries import with_listed_places
 from jaxshroud.scene.points import ContactPoints
+from jaxshroud.scene.speed import ORDER, check_speed, untwisted_gap
 from jaxshroud.scene.typed import short_repr
 from jaxshroud.scene.valid import KEYS_BY_TABLE, check_number, check_numbers, check_shape
 
@@ -71,6 +77,8 @@ class Shroud(eqx.Module):
     l_oa: Number = eqx.field(converter=scalar)  # side along x [m]
     l_ab: Number = eqx.field(converter=scalar)  # side along the contact face [m]
     gap: Number = eqx.field(converter=scalar)  # initial gap Delta along x [m]; negative: interference
+    gap_at: Number | None = eqx.field(converter=scalar, default=None)  # at a speed, by which it changes [m]; None: gap
+    gap_at_speed: Number | None = eqx.field(converter=scalar, default=None)  # the speed [rad/s]
 
     def __check_init__(self):
         check_numbers("shroud", self)
@@ -161,12 +169,15 @@ class Scene(eqx.Module):
     laws: SceneLaw | None = None  # user laws of contact and friction, or a law of contact of one's own
     given: dict[str, Any] = eqx.field(converter=_given, default_factory=dict)  # inputs by their keys
     row: Row | None = None  # None: the pair
+    coupling: Coupling = Coupling()  # between neighbours
+    aero: Aero = Aero()  # of the flow, in rows alone
     # "motion": at `initial`, apart; "static": in the equilibrium of mean loads and contact without friction, with the
     # sliders where the faces then are
     start: Start = eqx.field(static=True, default="motion")
 
     def __check_init__(self):
-        for name, kind in {**TABLE_CLASSES, "initial": Motion, "parts": Parts}.items():
+        kinds = {**TABLE_CLASSES, "initial": Motion, "parts": Parts, "coupling": Coupling, "aero": Aero}
+        for name, kind in kinds.items():
             type_argument(name, getattr(self, name), kind, f"that of another scene, scene.{name}")
         if (self.parts.contact == "own") != (self.laws is not None):
             raise InputError("Own laws of contact are given in Python, by js.with_laws; no file can name them.")
@@ -184,13 +195,18 @@ class Scene(eqx.Module):
         if self.row is not None:
             type_argument("row", self.row, Row, "Row(12, closed=True)")
         require_parts(self.parts, self.contact.reading, self.layout)
+        if self.aero.exists:
+            require_capability(AERO_FORCES, self.layout)
+        if self.is_coupled and self.parts.contact == "none":
+            raise InputError(COUPLED_WITHOUT_CONTACT)
         word_argument("start", self.start, Start)
-        if self.start != "motion":
+        if self.start != "motion" or self.parts.contact in SPRUNG[1:]:
             self._require_equilibrium()
         if self.laws is not None and not self.laws.marches_in_rows:
             require_capability(OWN_LAWS, self.layout)
         check_numbers("initial", self.initial)
         self._check_shapes()
+        self._check_speed()
         for key, value in self.given.items():
             if value is not None:
                 check_number(key_in(ALL_KEYS[key], self.layout), value, self.layout)
@@ -206,8 +222,12 @@ class Scene(eqx.Module):
             what = f'contact = "{self.parts.contact}"'
         elif self.blades.matrices() is not None:
             what = "blades by matrices"
+        elif self.is_coupled:
+            what = "blades coupled without contact"
         if what:
-            raise InputError(f"A static start is one of located contact of lumped blades so far, not with {what}.")
+            raise InputError(
+                f"Static starts and closed forms are of located contact of lumped blades so far, not of {what}."
+            )
 
     def _check_shapes(self) -> None:
         for table, keys in KEYS_BY_TABLE.items():
@@ -217,6 +237,25 @@ class Scene(eqx.Module):
                     check_shape(key, value, self.layout)
         for name, value in self.drive.of_harmonics().items():
             check_shape(ALL_KEYS[f"drive.{name}"], value, self.layout)
+
+    def _check_speed(self) -> None:
+        numbers = self._numbers_of_speed()
+        if self.blades.grow and type(self.blades).matrices is not Blades.matrices:
+            raise InputError("Blades by matrices do not grow stiffer with speed: `B_x`, `B_y`, `B_T` must be None.")
+        if not is_traced((numbers, self.given)):
+            check_speed(numbers, self.given, self.layout.blades)
+
+    def _numbers_of_speed(self) -> dict[str, Any]:
+        """The numbers that depend on the speed, or give it, by their keys."""
+        parts = {"blades": self.blades, "shroud": self.shroud}
+        named = {key.name: getattr(part, name) for table, part in parts.items() for name, key in KEYS_BY_TABLE[table]}
+        named |= {"drive.omega": self.drive.omega, "row.mistuning": self.row and self.row.mistuning}
+        return {key: value for key, value in named.items() if value is not None}
+
+    @property
+    def depends_on_speed(self) -> bool:
+        """Whether stiffnesses or the gap depend on the speed of the rotor."""
+        return self.blades.grow or self.shroud.gap_at is not None
 
     @property
     def k(self) -> Number:
@@ -232,12 +271,35 @@ class Scene(eqx.Module):
         return self.layout.at_interfaces(self.blades.k_x[..., : self.layout.interfaces])
 
     @property
+    def _speed_square(self) -> Any:
+        """The square of the speed [rad^2/s^2], where something depends on it."""
+        return (self.drive.omega / self.given[ORDER]) ** 2
+
+    def _at_speed(self, blades: Blades) -> Blades:
+        return blades.at_speed(self._speed_square[..., None]) if blades.grow else blades
+
+    @property
+    def running_blades(self) -> Blades:
+        """The blades with their stiffness at the scene's speed, without mistuning."""
+        return self._at_speed(self.blades)
+
+    @property
+    def running_shroud(self) -> Shroud:
+        """The shroud with the gap that it has at the scene's speed."""
+        s = self.shroud
+        if s.gap_at is None:
+            return s
+        square = self._speed_square[(..., *(None for _ in self.layout.interface_shape))]
+        gap = untwisted_gap(s.gap, s.gap_at, s.gap_at_speed, square)
+        return Shroud(s.alpha, s.l_oa, s.l_ab, gap)
+
+    @property
     def mistuned_blades(self) -> Blades:
-        """The blades with the mistuning of their row."""
+        """The blades with the mistuning of their row, and their stiffness at the scene's speed."""
         if self.row is None:
-            return self.blades
+            return self.running_blades
         of, factor = (lambda b: (b.k_x, b.k_y, b.k_T)), 1 + self.row.mistuning
-        return eqx.tree_at(of, self.blades, tuple(factor * k for k in of(self.blades)))
+        return self._at_speed(eqx.tree_at(of, self.blades, tuple(factor * k for k in of(self.blades))))
 
     @property
     def blade_matrices(self) -> BladeMatrices | None:
@@ -251,6 +313,11 @@ class Scene(eqx.Module):
     def layout(self) -> Layout:
         """The layout of the blades: that of the row, or the pair."""
         return layout_with(self.row)
+
+    @property
+    def is_coupled(self) -> bool:
+        """Whether blades act on each other without contact too."""
+        return self.coupling.exists or self.aero.exists
 
     @property
     def points(self) -> int:
@@ -287,6 +354,8 @@ def scene_of(tables: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]) 
         Parts(**{**parts, "motion": tuple(parts["motion"])}),
         given=given,  # pyright: ignore[reportArgumentType]
         row=row,
+        coupling=Coupling(**tables.get("coupling", {})),
+        aero=Aero(**tables.get("aero", {})),
         start=_start_of(tables["initial"]),
     )
 
@@ -312,6 +381,7 @@ def _drive_of(entries: Mapping[str, Any]) -> Drive:
 
 def _contact_of(tables: Mapping[str, Mapping[str, Any]]) -> Contact:
     entries = {"k": None, "gamma": None, **tables["contact"]}
+    entries = with_listed_places(entries)
     points, shares = entries.pop("points", None), entries.pop("shares", None)
     return Contact(**entries, points=None if points is None else ContactPoints(points, shares))
 
@@ -324,5 +394,9 @@ def _for_layout(key: str, value: Any, layout: Layout) -> Any:
 
 
 def without_given(scene: Scene) -> Scene:
-    """The numbers of a scene alone, which are all that its motion depends on: one program marches all scenes."""
-    return eqx.tree_at(lambda s: s.given, scene, {}, is_leaf=lambda part: isinstance(part, dict))
+    """The numbers of a scene alone, which are all that its motion depends on: one program marches all scenes.
+
+    The engine order is kept where its speed matters.
+    """
+    kept = {ORDER: scene.given[ORDER]} if scene.depends_on_speed else {}
+    return eqx.tree_at(lambda s: s.given, scene, kept, is_leaf=lambda part: isinstance(part, dict))

@@ -26,6 +26,7 @@ from pydantic import (
 
 from jaxshroud.scene.checks import DEFAULT_TRANSIENT, MAX_AUTO_STEPS, MAX_COUNT, did_you_mean
 from jaxshroud.scene.file_rules import (
+    coupling_is_of_its_layout,
     one_stiffness,
     parts_are_of_its_layout,
     points_are_of_their_face,
@@ -34,17 +35,18 @@ from jaxshroud.scene.file_rules import (
     smooth_has_a_width,
     static_start_has_no_motion,
 )
+from jaxshroud.scene.key import FROM_0, Range
 from jaxshroud.scene.keys import (
+    AERO_KEYS,
     ALL_KEYS,
-    FROM_0,
     HARMONIC_KEYS,
     MAX_BLADES,
     MAX_ORDER,
     MIN_BLADES,
     ROW_KEYS,
     SINGLE_LOADS,
+    TABLES_IN_ROW,
     Key,
-    Range,
     keys_of_table,
     list_words,
     number_shape,
@@ -298,17 +300,19 @@ def table_models(layout: Layout, harmonics: int) -> dict[str, type[Table]]:
         **{table: _number_table(table, layout) for table in ("blades", "shroud")},
         "contact": _number_table("contact", layout, reading=READING, points=POINTS, shares=POINT_SHARES),
         "friction": _number_table("friction", layout),
+        "coupling": _number_table("coupling", layout),
         "drive": _drive_table(layout, harmonics),
         "initial": _number_table("initial", layout, start=START, friction=START_FRICTION),
         "parts": PartsTable,
         "run": RunTable,
         "sweep": SweepTable,
         "row": RowTable,
+        "aero": create_model("AeroTable", __base__=Table, **_fields(AERO_KEYS, layout)),
     }
 
 
 TABLE_MODELS = table_models(PAIR, 0)
-PHYSICS_TABLES = tuple(TABLE_MODELS)[:7]
+PHYSICS_TABLES = tuple(TABLE_MODELS)[:8]
 ROW_TYPE: TypeAdapter[Any] = TypeAdapter(create_model("FileWithRow", row=(RowTable | None, None)))  # of any file
 
 
@@ -332,6 +336,7 @@ def scene_file_type(layout: Layout, harmonics: int) -> Any:
         "parts": (PartsTable, PartsTable()),
         "sweep": (SweepTable | None, None),
         "row": (RowTable | None, None),
+        **{table: (models[table] | None, None) for table in TABLES_IN_ROW},
     }
     file: Any = create_model("File", __base__=Table, **fields)
     checked: Any = Annotated[
@@ -340,5 +345,6 @@ def scene_file_type(layout: Layout, harmonics: int) -> Any:
         AfterValidator(points_are_of_their_face),
         AfterValidator(static_start_has_no_motion),
         AfterValidator(partial(parts_are_of_its_layout, layout=layout)),
+        AfterValidator(partial(coupling_is_of_its_layout, layout=layout)),
     ]
     return TypeAdapter(checked)

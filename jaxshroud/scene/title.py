@@ -56,7 +56,7 @@ def _word(value: object) -> str:
 
 def display_name(table: str, key: str) -> str:
     """The name of a number in titles."""
-    return f"initial {key}" if table == "initial" else key
+    return f"{table} {key}" if table in ("initial", "coupling") else key
 
 
 def display_value(table: str, key: str, value: Any) -> str:

@@ -20,14 +20,15 @@ from jaxshroud.scene.derived_inputs import (
     inputs_by_key,
     inputs_in,
 )
-from jaxshroud.scene.keys import ALL_KEYS, HARMONIC_ENTRY, KEYS, find_key, number_shape
+from jaxshroud.scene.keys import ALL_KEYS, HARMONIC_ENTRY, KEYS, POINT_ENTRY, find_key, number_shape, point_key
 from jaxshroud.scene.optional import require_number, standing_for
 from jaxshroud.scene.replacing import renamed_numbers, replace_numbers
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.speed import check_speed
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import check_number
 
-TABLE_NAMES = ("blades", "shroud", "contact", "friction", "drive", "initial", "row")
+TABLE_NAMES = ("blades", "shroud", "contact", "friction", "coupling", "drive", "initial", "row", "aero")
 
 
 def fields_of(scene: Scene) -> dict[str, Any]:
@@ -38,6 +39,8 @@ def fields_of(scene: Scene) -> dict[str, Any]:
     tables = {table: getattr(scene, table) for table in TABLE_NAMES if getattr(scene, table) is not None}
     fields = {table: part._asdict() if table == "initial" else vars(part) for table, part in tables.items()}
     fields["drive"] = {**fields["drive"], **scene.drive.of_harmonics()}
+    if scene.contact.points is not None:
+        fields["contact"] = {**fields["contact"], **scene.contact.points.by_entry()}
     named = {f"{table}.{name}": value for table, part in fields.items() for name, value in part.items()}
     return {key: value for key, value in named.items() if key in ALL_KEYS and hasattr(value, "shape")}
 
@@ -49,6 +52,9 @@ def field_of(scene: Scene, key: str) -> Any:
     match = HARMONIC_ENTRY.fullmatch(name)
     if match is not None:
         return getattr((scene.drive.harmonic or ())[int(match["index"])], match["name"])
+    if point := POINT_ENTRY.fullmatch(name):
+        assert scene.contact.points is not None  # else it has no such number
+        return scene.contact.points.places[int(point["index"])]
     return getattr(getattr(scene, table), name)
 
 
@@ -94,7 +100,12 @@ def replaced(scene: Scene, values: Mapping[str, Any]) -> Scene:
     new, inputs = replace_numbers(numbers, given, values, lanes, scene.layout)
     if not is_traced(inputs):
         check_order(inputs)
-    return _with_leaves(scene, numbers, new, inputs)
+    if not is_traced((new, inputs)):
+        check_speed(new, inputs, scene.layout.blades)
+    changed = _with_leaves(scene, numbers, new, inputs)
+    if changed.contact.points is not None:
+        changed.contact.points.check_on(changed.shroud.l_ab)
+    return changed
 
 
 def expressed_by(scene: Scene, values: Mapping[str, Any]) -> Scene:
@@ -242,7 +253,7 @@ def numbers_that_count(scene: Scene) -> tuple[str, ...]:
     derived = {one.number.name: one for one in inputs_in(layout) if one.counts(given_of(scene))}
     unused = _UNUSED["initial"] | {"contact.k" if scene.contact.k is None else "contact.gamma", "drive.phase"}
     unused |= set() if "y" in parts.motion else _UNUSED["y"]
-    unused |= set() if "theta" in parts.motion else _UNUSED["theta"]
+    unused |= set() if "theta" in parts.motion else _UNUSED["theta"] | {*filter(point_key, fields_of(scene))}
     unused |= set() if scene.blades.m_y is not None else {"blades.m_y"}
     unused |= set() if parts.contact == "smooth" else {"contact.width"}
     unused |= set() if parts.friction != "none" else _UNUSED["friction"]
@@ -255,14 +266,16 @@ def numbers_that_count(scene: Scene) -> tuple[str, ...]:
         differ = bool(shape) and bool(np.any(values[..., :1] != values))
         moving = 1 if parts.neighbour == "rigid" else math.prod(shape)
         keys += [f"{key}[{i}]" for i in range(moving)] if differ else [key]
-    phases = () if parts.neighbour == "rigid" else range(1, layout.blades)
+    fixed = parts.neighbour == "rigid" or (scene.row is not None and scene.depends_on_speed)
+    phases = () if fixed else range(1, layout.blades)
     return (*keys, *(f"drive.phase[{i}]" for i in phases))
 
 
 _UNUSED = {
     "initial": {key for key in KEYS if key.startswith("initial.")},
-    "y": {"blades.k_y", "blades.c_y", "blades.m_y"},
-    "theta": {"blades.I", "blades.k_T", "blades.c_T", "drive.M_0", "shroud.l_oa", "shroud.l_ab"},
+    "y": {"blades.k_y", "blades.c_y", "blades.m_y", "blades.B_y", "coupling.k_y", "coupling.c_y"},
+    "theta": {"blades.I", "blades.k_T", "blades.c_T", "blades.B_T", "drive.M_0", "shroud.l_oa", "shroud.l_ab"}
+    | {"coupling.k_T", "coupling.c_T"},
     "contact": {"contact.k", "contact.gamma", *(key for key in KEYS if key.startswith("shroud."))},
     "friction": {"friction.k_d", "friction.mu"},
 }

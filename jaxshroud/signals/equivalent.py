@@ -4,11 +4,11 @@ The contact forces are not sampled. Their first harmonic follows from that of th
 
     R = (k - m omega^2 + i omega c) q - F,
 
-at each coordinate of each block. Along the normal n = (sin alpha, -cos alpha) of the faces at rest and along their
-tangent t = (cos alpha, sin alpha), the relative displacement of the blocks' centres d = q_1 - q_2 gives the dynamic
-stiffness K = -R d^-1 = k_eq + i omega c_eq, of which the sign is that of a spring and a damper between the blades. What
-the blocks' rotation moves at the faces is left out of d, and is thus seen as a part of K. Along a direction in which d
-does not move K is undefined, as it is where the faces never touch.
+at each coordinate of each block, less what couples the blades otherwise. Along the normal n = (sin alpha, -cos alpha)
+of the faces at rest and along their tangent t = (cos alpha, sin alpha), the relative displacement of the blocks'
+centres d = q_1 - q_2 gives the dynamic stiffness K = -R d^-1 = k_eq + i omega c_eq, of which the sign is that of a
+spring and a damper between the blades. What the blocks' rotation moves at the faces is left out of d, and is thus seen
+as a part of K. Along a direction in which d does not move K is undefined, as it is where the faces never touch.
 """
 
 from typing import NamedTuple
@@ -22,6 +22,7 @@ from jaxshroud.batch.runs import sampled_motions
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.states import motion_rows
 from jaxshroud.march.method import Choices
+from jaxshroud.model.coupling import SUFFIXES
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.prepared import State
 from jaxshroud.scene.drive import DriveHarmonic, MeanLoad
@@ -46,6 +47,13 @@ class LinearBlades(NamedTuple):
     mean: PerCoordinate  # constant load
     omega: float
     axes: Float[np.ndarray, "2 2"]  # normal and tangent of the faces at rest, as rows
+    k_between: Float[np.ndarray, "3"]  # of the springs between both blades without contact, along x, y and theta
+    c_between: Float[np.ndarray, "3"]
+
+    @property
+    def coupling(self) -> Complex[np.ndarray, "2 2"]:
+        """The dynamic stiffness between both blades without contact, along x and y."""
+        return np.diag(self.k_between + 1j * self.omega * self.c_between)[:2, :2]
 
     @property
     def dynamic_stiffness(self) -> ComplexAmplitudes:
@@ -95,7 +103,7 @@ def equivalent_values(
 
 def linear_blades(scenes: Scene, i: int) -> LinearBlades:
     """The blades of one of many scenes (leading axis)."""
-    b, drive = scenes.blades, jax.tree.map(lambda a: np.asarray(a, float)[i], scenes.drive)
+    b, drive = scenes.running_blades, jax.tree.map(lambda a: np.asarray(a, float)[i], scenes.drive)
     first, mean = drive.harmonics().get(1), drive.harmonics().get(0)
     stacked = lambda *columns: np.stack([np.asarray(a, float)[i] for a in columns], axis=-1)
     load = np.zeros((2, 3)) if first is None else _stacked_load(first)
@@ -110,7 +118,15 @@ def linear_blades(scenes: Scene, i: int) -> LinearBlades:
         mean=np.zeros((2, 3)) if mean is None else _stacked_load(mean) * np.sin(mean.phase)[:, None],
         omega=float(drive.omega),
         axes=np.array([[np.sin(alpha), -np.cos(alpha)], [np.cos(alpha), np.sin(alpha)]]),
+        k_between=_between(scenes, i, "k"),
+        c_between=_between(scenes, i, "c"),
     )
+
+
+def _between(scenes: Scene, i: int, kind: str) -> Float[np.ndarray, "3"]:
+    """The springs, or the dampers, between both blades."""
+    numbers = (getattr(scenes.coupling, f"{kind}_{suffix}") for suffix in SUFFIXES.values())
+    return np.array([0.0 if a is None else float(np.asarray(a)[i]) for a in numbers])
 
 
 def _stacked_load(one: DriveHarmonic | MeanLoad) -> PerCoordinate:
@@ -169,7 +185,9 @@ def _contact_force(
     blades: LinearBlades, motion: HarmonicMotion, drive: ComplexAmplitudes | PerCoordinate
 ) -> np.ndarray:
     """The force of contact on the left block along x and y, from Eq. (1)."""
+    between = blades.c_between * (motion.rate[0] - motion.rate[1]) + blades.k_between * (motion.q[0] - motion.q[1])
     load = blades.m * motion.acceleration + blades.c * motion.rate + blades.k * motion.q - drive
+    load = load + np.stack([between, -between])
     return (load[0] - load[1])[:2] / 2 if blades.moves[1, 0] else load[0, :2]
 
 
@@ -185,11 +203,12 @@ def relative_damping_ratio(blades: LinearBlades, stiffness: np.ndarray, damping:
 
     c_eq / (2 sqrt((k_r + k_eq) m_r)), with the mass m_r and the stiffness k_r against which both blades move apart
     along that direction: 1 / m_r and 1 / k_r are sums of those of x and y of both blades, weighted by its squared
-    cosines. NaN where k_r + k_eq is not positive.
+    cosines; springs between the blades are added to k_r. NaN where k_r + k_eq is not positive.
     """
     along = lambda a: 1 / (blades.axes**2 @ np.sum(np.where(blades.moves, 1 / a, 0.0), axis=0)[:2])
     with np.errstate(invalid="ignore"):
-        return damping / (2 * np.sqrt((along(blades.k) + stiffness) * along(blades.m)))
+        k_r = along(blades.k) + blades.axes**2 @ blades.k_between[:2]
+        return damping / (2 * np.sqrt((k_r + stiffness) * along(blades.m)))
 
 
 def reduction_with_stiffness(blades: LinearBlades, stiffness: np.ndarray, P_0: float) -> float:
@@ -216,6 +235,8 @@ def mean_square_of(q: Complex[np.ndarray, "2 2"]) -> float:
 
 def free_displacements(blades: LinearBlades) -> Complex[np.ndarray, "2 2"]:
     """The complex amplitudes of x and y of both blades without contact."""
+    if np.any(blades.coupling):
+        return _linked_displacements(blades, blades.coupling)
     return np.where(blades.moves, blades.drive / blades.dynamic_stiffness, 0.0)[:, :2]
 
 
@@ -225,12 +246,16 @@ def joined_displacements(blades: LinearBlades, stiffness: np.ndarray) -> Complex
     An undefined spring, NaN, is left out; without any there is no motion to tell.
     """
     known = np.isfinite(stiffness)
+    if not known.any():
+        return np.full((2, 2), complex(np.nan))
     K = blades.axes.T @ np.diag(np.where(known, stiffness, 0.0)) @ blades.axes
+    return _linked_displacements(blades, K + blades.coupling)
+
+
+def _linked_displacements(blades: LinearBlades, K: Complex[np.ndarray, "2 2"]) -> Complex[np.ndarray, "2 2"]:
+    """The complex amplitudes of x and y of both blades with a stiffness between them."""
     Z = np.diag(blades.dynamic_stiffness[:, :2].ravel()) + np.kron(np.array([[1, -1], [-1, 1]]), K)
     moves = blades.moves[:, :2].ravel()
     q = np.zeros(4, complex)
-    if known.any():
-        q[moves] = np.linalg.solve(Z[np.ix_(moves, moves)], blades.drive[:, :2].ravel()[moves])
-    else:
-        q[:] = np.nan
+    q[moves] = np.linalg.solve(Z[np.ix_(moves, moves)], blades.drive[:, :2].ravel()[moves])
     return q.reshape(2, 2)

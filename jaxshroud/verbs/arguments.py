@@ -22,7 +22,7 @@ def check_verb(verb: str, scene: Scene | SceneFile) -> None:
     """Raise an InputError if the scene has a row of blades, or a pair, which a verb does not know."""
     where = f"{scene.name}: " if isinstance(scene, SceneFile) else ""
     require_capability(f"`{verb}`", scene.layout, where)
-    points = scene.tables["contact"].get("points") if isinstance(scene, SceneFile) else scene.contact.points
+    points = {"points", "shares"} & {*scene.tables["contact"]} if isinstance(scene, SceneFile) else scene.contact.points
     if verb:  # what has no name was asked for by another verb
         require_points(verb, points, where)
         parts = scene.tables["parts"]["contact"] if isinstance(scene, SceneFile) else scene.parts.contact

@@ -17,7 +17,7 @@ from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import Amplitudes, free_reach, steady_amplitudes
 from jaxshroud.model.natural_modes import LinearContact, drive_loads, linear_contact
 from jaxshroud.orbits.linear_response import touching_gradients
-from jaxshroud.results.data_sheet import Coordinate, DataSheet, NaturalMode, crossings_between
+from jaxshroud.results.data_sheet import Coordinate, DataSheet, FlowMode, NaturalMode, crossings_between
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.engine_order import engine_order_of
 from jaxshroud.scene.file import SceneFile
@@ -25,8 +25,10 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.signals.averages import half_diagonal
 from jaxshroud.verbs.arguments import check_row, one_scene
+from jaxshroud.verbs.campbell_lines import lines_of_speeds
 from jaxshroud.verbs.doubts import LEAST_DRIVEN, advice_on, doubts_of
 from jaxshroud.verbs.natural_frequencies import RAD_PER_CYCLE, modes_of
+from jaxshroud.verbs.nodal_diameters import flow_modes
 from jaxshroud.verbs.settled import has_settled_motion, settled_motion
 
 USUAL_ORDERS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)  # that are shown beside the scene's own
@@ -55,10 +57,13 @@ def check(
 
     Returns:
         The data sheet. Its amplitudes are those of the free blades, in closed form, which contact is to reduce. Its
-        natural frequencies do not depend on the speed: there is no centrifugal stiffening. Of a row of blades there is
+        natural frequencies are those at the scene's own speed; where they depend on it, `over_speed` has them over the
+        range, of blades in contact up to the speed at which their faces are no longer pressed together at rest, and of
+        blades apart beyond. Of a row of blades there is
         a number for each blade and each interface; `gap` is the smallest, and what is told of the free faces is of the
         interface where they approach most. Its natural modes are those with all interfaces in one state of contact, of
-        a ring by nodal diameters; in a tuned ring an engine order EO excites nodal diameter EO modulo N alone.
+        a ring by nodal diameters; in a tuned ring an engine order EO excites nodal diameter EO modulo N alone. Of a row
+        in a flow, `flow_modes` are the damping ratios of free decays along x without contact.
 
     Raises:
         ValueError: There are many scenes, a row without contact, or the engine orders or the range of speeds are none.
@@ -76,7 +81,7 @@ def check(
     check_row(scene)
     arrays = jax.tree.map(np.asarray, scene)
     free, k, gyration_of_block, lever, system, load = jax.tree.map(np.asarray, _free_and_touching(scene))
-    b, s = arrays.mistuned_blades, arrays.shroud
+    b, s = arrays.mistuned_blades, arrays.running_shroud
     k = np.atleast_1d(k)
     gaps = np.atleast_1d(s.gap) - _closed_by_mean_loads(free, float(s.alpha), np.size(s.gap))
     across, along = _relative_motions(free, float(s.alpha), len(gaps))
@@ -99,7 +104,8 @@ def check(
         modes=modes,
         pressed=_floats(_displaced_by_interference(system, gaps, float(s.alpha))),
         **({} if scene.row is None else _at_interfaces(arrays, k, across / math.sin(s.alpha), along)),
-        **_over_speed(scene, modes, engine_orders, start, stop),
+        **({"flow_modes": _modes_in_flow(arrays, system)} if scene.aero.exists else {}),
+        **_over_speed(scene, arrays, system, modes, engine_orders, (start, stop)),
     )
     return replace(sheet, doubts=tuple(doubts_of(sheet, scene)), advice=tuple(advice_on(sheet, scene)))
 
@@ -107,7 +113,7 @@ def check(
 def _at_interfaces(arrays: Scene, k: np.ndarray, approach: np.ndarray, slide: np.ndarray) -> dict[str, Any]:
     """The fields of the data sheet on each interface of a row."""
     assert arrays.row is not None
-    numbers = {"gaps": arrays.shroud.gap, "approaches": approach, "slides": slide}
+    numbers = {"gaps": arrays.running_shroud.gap, "approaches": approach, "slides": slide}
     return {
         **{name: _floats(a) for name, a in numbers.items()},
         "gammas": _floats(k / arrays.blades.k_x[: len(k)]),
@@ -115,10 +121,27 @@ def _at_interfaces(arrays: Scene, k: np.ndarray, approach: np.ndarray, slide: np
     }
 
 
+def _modes_in_flow(arrays: Scene, system: LinearContact) -> tuple[FlowMode, ...]:
+    """The modes of a row in a flow."""
+    assert arrays.row is not None  # which scenes with forces of the flow have
+    row, aero = jax.tree.map(lambda a: a if a.dtype == bool else a.astype(float), system), arrays.aero
+    count, omega = arrays.row.blades, float(arrays.drive.omega)
+    after = np.eye(count, k=1) + (np.eye(count, k=1 - count) if arrays.row.closed else 0)
+    parts = ((aero.L0_im, np.eye(count)), (aero.L1_im, after), (aero.L_1_im, after.T))
+    flow = sum((float(L) / omega * to for L, to in parts if L is not None), np.zeros((count, count)))
+    return flow_modes(row, flow, arrays.row.closed)
+
+
 def _over_speed(
-    scene: Scene, modes: Sequence[NaturalMode], given: Sequence[float | int] | None, start: float, stop: float | None
+    scene: Scene,
+    arrays: Scene,
+    system: LinearContact,
+    modes: Sequence[NaturalMode],
+    given: Sequence[float | int] | None,
+    ends: tuple[float, float | None],
 ) -> dict[str, Any]:
     """The fields of the data sheet on engine orders, from the arguments of `check`."""
+    start, stop = ends
     own, omega = engine_order_of(scene), float(scene.drive.omega)
     orders = _checked_orders(given, own)
     drive_order = own or orders[0]
@@ -131,11 +154,13 @@ def _over_speed(
     if not 0 <= start < stop < math.inf:
         raise InputError(f"The speeds from `start` to `stop` must be a range from 0 on, but are {start:g} to {stop:g}.")
     orders = tuple(sorted(orders))
+    lines = lines_of_speeds(arrays, system, modes, orders, (start, stop)) if scene.depends_on_speed else None
     return {
         **{"drive_order": drive_order, "is_own_order": own is not None, "engine_orders": orders},
         "harmonics": tuple(excited),
         **{"speed": speed, "start": float(start), "stop": stop},
-        "crossings": crossings_between(modes, orders, speed, start, stop, scene.layout),
+        "crossings": crossings_between(modes, orders, speed, start, stop, scene.layout, lines),
+        "over_speed": lines,
     }
 
 
@@ -189,10 +214,11 @@ def _displaced_by_interference(system: LinearContact, gaps: np.ndarray, alpha: f
     The faces slide freely, and the blocks do not turn.
     """
     bends = system.moves & (np.arange(len(system.moves)) < 2 * len(system.moves) // 3)
-    depth = np.maximum(-gaps, 0.0) * math.sin(alpha)
+    of_each = len(system.k) // len(gaps)  # one, or as many as a face has points
+    depth = np.repeat(np.maximum(-gaps, 0.0), of_each) * math.sin(alpha)
     v_q, k = system.v_q[:, bends], np.where(depth > 0, system.k, 0.0)
     displacement = np.zeros(len(system.moves))
-    stiffness = np.diag(system.stiffness[bends]) + v_q.T @ (k[:, None] * v_q)
+    stiffness = system.own_stiffness[np.ix_(bends, bends)] + v_q.T @ (k[:, None] * v_q)
     displacement[bends] = np.linalg.solve(stiffness, -v_q.T @ (k * depth))
     x, y, _ = displacement.reshape(3, -1)
     return np.hypot(x, y)

@@ -31,6 +31,7 @@ def doubts_of(sheet: DataSheet, scene: Scene) -> Iterator[str]:
     yield from _torsion_doubts(sheet, scene)
     yield from _amplitude_doubts(sheet, float(scene.shroud.l_oa))
     yield from _damping_doubts(sheet)
+    yield from _flow_doubts(sheet)
     yield from _resonance_doubts(sheet)
     if scene.parts.contact != "none":
         yield from _mean_load_doubts(sheet)
@@ -99,6 +100,16 @@ def _interference_doubts(sheet: DataSheet) -> Iterator[str]:
             f"{'aside ' if sheet.static_gaps else ''}by {pressed[at] * 1e3:.3g} mm, {share}: P_d counts that as "
             "vibration, P_d_vibration does not"
         )
+
+
+def _flow_doubts(sheet: DataSheet) -> Iterator[str]:
+    """Waves that the flow makes grow."""
+    growing = [mode for mode in sheet.flow_modes if mode.zeta < 0]
+    if growing:
+        worst = min(growing, key=lambda mode: mode.zeta)
+        where = "" if worst.nodal_diameter is None else f" at nodal diameter {worst.nodal_diameter}"
+        count = f"{len(growing)} of {len(sheet.flow_modes)} waves grow without contact"
+        yield f"the flow feeds the blades: {count}, the fastest one{where} with a damping ratio of {worst.zeta:.3g}"
 
 
 def _damping_doubts(sheet: DataSheet) -> Iterator[str]:

@@ -116,7 +116,7 @@ def _advice_on_contact(scene: Scene, touches: bool) -> Iterator[str]:
     free, k = jax.tree.map(np.asarray, _free_motion(scene))
     if touches and k == 0:
         yield 'the contact has no stiffness: [parts] contact = "none" gives the motion in closed form'
-    if scene.parts.contact != "none" and _never_touches(free, scene.shroud):
+    if scene.parts.contact != "none" and _never_touches(free, scene.running_shroud):
         yield 'the gap exceeds the steady free motion: after transients, [parts] contact = "none" may be all it takes'
 
 

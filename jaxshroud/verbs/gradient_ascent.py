@@ -241,7 +241,7 @@ def _perturbed_start(scene: Scene, random: np.random.Generator) -> State:
 
     Blades of a row, which in a ring cannot all move apart, have velocities that reach as far in a period.
     """
-    blades, reach, at_rest = len(scene.initial.x), max(float(np.abs(scene.shroud.gap).max()), 1e-4), np.zeros(2)
+    blades, reach, at_rest = len(scene.initial.x), max(float(np.abs(scene.running_shroud.gap).max()), 1e-4), np.zeros(2)
     if scene.row is None:
         x, y = -reach * np.sort(random.random(2))[::-1] * [1, -1], reach * (random.random(2) - 0.5)
         motion = Motion(x, y, at_rest, at_rest, at_rest, at_rest)

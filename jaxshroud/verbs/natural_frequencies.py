@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
 from jaxshroud.model.natural_modes import (
@@ -45,20 +46,32 @@ def modes_of(
         system: The blades and their contact, see `linear_contact`.
         loads: What drives them, see `drive_loads`.
     """
-    blades = LinearContact(*(a if a.dtype == bool else a.astype(float) for a in system))
+    blades = in_float64(system)
     driven = [(a.astype(float) + 1j * b.astype(float)) * blades.moves for a, b in loads.values()]
-    words = WORDS_OF_PAIRS if arrays.row is None else _words_of_row(arrays.row.closed)
-    found = [_modes_in(blades, contact, driven, words) for contact in _contacts_of(arrays, k)]
-    return tuple(mode for modes in found for mode in modes)
+    words = words_for(arrays)
+    found = {contact: modes_in(blades, contact, driven, words) for contact in contacts_of(arrays, k)}
+    told = [words.told_once(modes, contact, len(blades.mass) // 3) for contact, modes in found.items()]
+    return tuple(mode for modes in told for mode in modes)
 
 
-def _contacts_of(scene: Scene, k: np.ndarray) -> list[NaturalContact]:
+def in_float64(system: LinearContact) -> LinearContact:
+    """A linear system with its numbers in float64."""
+    return jax.tree.map(lambda a: a if a.dtype == bool else a.astype(float), system)
+
+
+def words_for(scene: Scene) -> ModeWords:
+    """How the modes of a scene are told."""
+    return WORDS_OF_PAIRS if scene.row is None else _words_of_row(scene.row.closed)
+
+
+def contacts_of(scene: Scene, k: np.ndarray) -> list[NaturalContact]:
     """The states of contact that the model of a scene has."""
-    if scene.parts.contact == "none" or not np.any(k) or scene.contact.points is not None:
-        return ["apart"]  # those of faces of points are not told yet
+    if scene.parts.contact == "none" or not np.any(k):
+        return ["apart"]
     if not _has_friction(scene):
         return ["apart", "sliding"]
-    return ["apart", "sliding", "stuck", *(["corner"] if "theta" in scene.parts.motion else [])]
+    at_corner = "theta" in scene.parts.motion and scene.contact.points is None
+    return ["apart", "sliding", "stuck", *(["corner"] if at_corner else [])]
 
 
 def _has_friction(scene: Scene) -> bool:
@@ -69,10 +82,10 @@ def _has_friction(scene: Scene) -> bool:
     return scene.parts.friction != "none" and bool(np.any((scene.friction.mu > 0) & (scene.friction.k_d > 0)))
 
 
-def _modes_in(
+def modes_in(
     blades: LinearContact, contact: NaturalContact, loads: list[np.ndarray], words: ModeWords
 ) -> list[NaturalMode]:
-    """The modes in one state of contact."""
+    """All modes in one state of contact, the lowest first."""
     omega, zeta, shape = natural_modes(blades, contact)
     energy, driven = shape**2 * blades.mass, drive_shares(shape, loads)
     modes = []
@@ -91,7 +104,7 @@ def _modes_in(
                 driven=float(driven[i]),
             )
         )
-    return words.told_once(modes, contact, len(blades.mass) // 3)
+    return modes
 
 
 def _blades_in_words(shares: FloatArray, displacements: FloatArray) -> str:

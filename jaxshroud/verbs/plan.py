@@ -208,7 +208,7 @@ def missed_lanes(scenes: Scene, choice: Choice, ends: EndStates = end_states) ->
 
 def _with_moved_start(scenes: Scene, shares: FloatArray) -> Scene:
     """The scenes (leading axis) with x, y, theta of the starts moved by shares of them, or of what the drive bends."""
-    b, load, start = scenes.blades, scenes.drive.largest_load, scenes.initial
+    b, load, start = scenes.running_blades, scenes.drive.largest_load, scenes.initial
     static = load("x") / b.k_x, load("y") / b.k_y, load("theta") / b.k_T
     moved = [
         own + np.maximum(np.abs(own), bent) * share

@@ -13,8 +13,8 @@ from jaxshroud.batch.plan import Plan, Progress, Ticker
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.model.modes import Status
-from jaxshroud.model.prepared import State
 from jaxshroud.results.attractors import Attractors
+from jaxshroud.results.contact_state import stored_state
 from jaxshroud.results.scatter import Report
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.tuned import Tuned
@@ -328,7 +328,7 @@ def _motions_of(
     motions = attractors(scene, starts, seed=seed, method=run_options["method"])
     if not motions.names:
         return motions, None
-    states = State(motions.motion, motions.u_s, motions.mode, motions.case)
+    states = stored_state(motions, motions.motion)
     lanes = repeat_lane(scene, len(motions.names))
     return motions, sweep(lanes, state=states, forces=True, **{**run_options, "transient": 0})
 

@@ -18,7 +18,7 @@ def has_settled_motion(scene: Scene) -> bool:
     """Whether it is judged: of lumped blades with located contact that are loaded at rest, or begin there."""
     judged = scene.start != "motion" or is_preloaded(scene) or scene.parts.contact in SPRUNG[1:]
     located = scene.parts.contact in SPRUNG and not scene.contact.reading
-    return judged and located and scene.blade_matrices is None
+    return judged and located and scene.blade_matrices is None and not scene.is_coupled
 
 
 def settled_motion(scene: Scene) -> SettledMotion:

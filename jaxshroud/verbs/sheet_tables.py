@@ -3,7 +3,15 @@
 import math
 from collections.abc import Sequence
 
-from jaxshroud.results.data_sheet import MOTION_NAMES, Coordinate, Crossing, DataSheet, NaturalMode, excited_by
+from jaxshroud.results.data_sheet import (
+    MOTION_NAMES,
+    Coordinate,
+    Crossing,
+    DataSheet,
+    FlowMode,
+    NaturalMode,
+    excited_by,
+)
 from jaxshroud.scene.units import RPM
 
 COORDINATE_HEADS = ["", "natural [Hz]", "over the drive's", "zeta"]
@@ -69,6 +77,19 @@ def mode_rows(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
     ]
 
 
+def flow_rows(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
+    """The head and the rows of a table of the waves of a row in a flow: of many those that are damped least."""
+    heads = ["waves along x in the flow, apart", "[Hz]", "over the drive's", "zeta", "by the flow"]
+    least = sorted(range(len(sheet.flow_modes)), key=lambda i: sheet.flow_modes[i].zeta)[:MOST_MODES]
+    return heads, [_flow_row(sheet, sheet.flow_modes[i]) for i in sorted(least)]
+
+
+def _flow_row(sheet: DataSheet, mode: FlowMode) -> list[str]:
+    h, over = mode.nodal_diameter, mode.frequency / sheet.drive
+    name = "bending along x" if h is None else f"nodal diameter {h}"
+    return [name, f"{mode.frequency:.5g}", f"{over:.4g}", f"{mode.zeta:.3g}", f"{mode.zeta_flow:.3g}"]
+
+
 def crossing_rows(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
     """The head and the rows of a table of the speeds at which engine orders meet natural frequencies.
 
@@ -84,6 +105,7 @@ def left_out(sheet: DataSheet) -> str:
     """How much of the sheet is not printed, in words; empty where all is."""
     counts = {
         "modes": (len(shown_modes(sheet)), len(sheet.modes)),
+        "waves": (len(flow_rows(sheet)[1]), len(sheet.flow_modes)),
         "crossings": (len(crossing_rows(sheet)[1]), len(_crossings(sheet))),
         "doubts": (min(len(sheet.doubts), MOST_DOUBTS), len(sheet.doubts)),
     }
@@ -113,6 +135,7 @@ def lines_of(sheet: DataSheet) -> dict[str, str]:
         "gap": f"{_gap_text(sheet)} mm; the free blades approach by {approach}",
         **({"static gap": f"{_texts_of(sheet.static_gaps, 1e3)} mm under the mean loads"} if sheet.static_gaps else {}),
         **({"settled motion": sheet.settled.words} if sheet.settled else {}),
+        **({"pressed": _pressed_text(lines.pressed)} if (lines := sheet.over_speed) and lines.pressed else {}),
         "inertia": f"{_texts_of(sheet.inertia)} times that of a uniform block",
         "contact": f"gamma = k / k_x = {_texts_of(sheet.gammas) if sheet.gammas else f'{sheet.gamma:.4g}'}",
         "stiffest motion": f"{sheet.omega_max / math.tau:.5g} Hz; {sheet.steps} steps a period (auto, rk4)",
@@ -140,7 +163,14 @@ def _speed_text(sheet: DataSheet) -> str:
     known = "" if sheet.is_own_order else ", taken as the scene tells none"
     span = f"crossings from {sheet.start * RPM:.5g} to {sheet.stop * RPM:.5g} rpm"
     at_order = f"engine order {sheet.drive_order:g}{known}"
-    return f"{sheet.speed * RPM:.5g} rpm at {at_order}; {span}, without centrifugal stiffening"
+    growth = "with the stiffness of each speed" if sheet.over_speed else "without centrifugal stiffening"
+    return f"{sheet.speed * RPM:.5g} rpm at {at_order}; {span}, {growth}"
+
+
+def _pressed_text(pressed: tuple[tuple[float, float], ...]) -> str:
+    """The ranges of speeds in which the faces are pressed together at rest."""
+    ranges = " and ".join(f"{start * RPM:.5g} to {stop * RPM:.5g}" for start, stop in pressed)
+    return f"from {ranges} rpm: crossings in contact there, apart elsewhere"
 
 
 def _table_row(sheet: DataSheet, name: str, coordinate: Coordinate, i: int) -> list[str]:

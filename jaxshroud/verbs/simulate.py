@@ -109,7 +109,7 @@ def simulate(
     common = {"turns": after, "every": every, "chatter": chatter, **march.attributes}
     if at_events is not None:
         values["events"] = {**at_events, "t": t + at_events["t"] * step_length}
-    columns = {"omega": scenes.drive.omega, "gap": scenes.shroud.gap, **values, "t": t + index * step_length}
+    columns = {"omega": scenes.drive.omega, "gap": scenes.running_shroud.gap, **values, "t": t + index * step_length}
     result = _trajectory(resolved, in_shape(columns, resolved.shape), common)
     warn_failures(result.status, chatter, throw=throw)
     if march.tried is not None:

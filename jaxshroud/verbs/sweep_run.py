@@ -179,7 +179,7 @@ def _sweep_result(grid: Grid, numbers: dict[str, object], chatter: str | None, s
     attributes, differing = grid.resolved.provenance(plan.transient, plan.steps_per_period)
     more = {name: variable for name, variable in differing.items() if name not in grid.dims}
     if "gap" not in grid.dims and (grid.axes or "gap" not in more):
-        gap = np.asarray(grid.lanes.shroud.gap)
+        gap = np.asarray(grid.lanes.running_shroud.gap)
         more["gap"] = (
             (*grid.dims, "interface")[: len(grid.shape) + gap.ndim - 1],
             gap.reshape(*grid.shape, *gap.shape[1:]),

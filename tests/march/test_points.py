@@ -158,11 +158,8 @@ def test_wrong_points_are_told(changes, told):
 
 def test_what_does_not_know_points_refuses_them_by_name():
     file = js.load("table1", ["contact.points=2"])
-    for verb in (js.orbit, js.lyapunov, js.diagnose, js.attractors):
-        with pytest.raises(js.InputError, match=f"`{verb.__name__}` does not know faces with several points"):
-            verb(file)
-    with pytest.raises(js.InputError, match="`rollout`"):
-        js.rollout(file.scene, n_periods=1, method=METHOD)
+    with pytest.raises(js.InputError, match="`trade` does not know faces with several points"):
+        js.trade(file)
     with pytest.raises(js.InputError, match="not contact points"):
         js.simulate(file, n_periods=1, method=js.Taylor())
     with pytest.warns(js.AccuracyWarning, match="not examined for faces of several points"):

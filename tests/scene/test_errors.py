@@ -37,7 +37,7 @@ def test_errors_are_where_they_were():
     assert config.SceneError is js.SceneError
     assert checks.NumericalError is js.NumericalError
     assert (files.WriteError, files.MachineError) == (checks.WriteError, checks.MachineError)
-    assert stability.StepTooLongError is js.StepTooLongError
+    assert stability.StepTooLongError is checks.StepTooLongError
 
 
 def test_an_unknown_key_is_the_same_error_everywhere(table1):

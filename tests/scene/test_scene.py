@@ -13,6 +13,7 @@ from jaxshroud.scene.fields import per_blade
 from jaxshroud.scene.layout import MISPRINTS
 from jaxshroud.scene.optional import WITHOUT_EFFECT
 from jaxshroud.scene.scene import Contact, Friction
+from jaxshroud.scene.speed import UNTWIST
 from jaxshroud.scene.vary import NUMERIC_KEYS, vary
 
 
@@ -75,7 +76,7 @@ def leaves(scene) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize(
     "key",
-    [key for key in NUMERIC_KEYS if key not in ("contact.k", "contact.width", "blades.m_y", *WITHOUT_EFFECT)],
+    [key for key in NUMERIC_KEYS if key not in ("contact.k", "contact.width", "blades.m_y", *UNTWIST, *WITHOUT_EFFECT)],
 )
 def test_one_number_is_replaced_and_no_other(table1, key):
     table, name = key.split(".")

@@ -70,10 +70,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pairs", type=int, default=40)
     parser.add_argument("--rows", type=int, default=20)
+    parser.add_argument("--resume", action="store_true", help="go on from the stored ones")
     asked = parser.parse_args()
-    found: dict[str, list[Any]] = {"pairs": [], "rows": []}
+    stored = json.loads(FILE.read_text(encoding="utf-8")) if asked.resume else {}
+    found: dict[str, list[Any]] = {"pairs": [], "rows": []} | stored
     for kind, count in (("pairs", asked.pairs), ("rows", asked.rows)):
-        for seed in range(count):
+        for seed in range(len(found[kind]), count):
             found[kind].append(compared(random_scene(seed, kind == "rows")))
             print(kind, seed, found[kind][-1], flush=True)
             FILE.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")

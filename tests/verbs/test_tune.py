@@ -18,6 +18,7 @@ from jaxshroud.march.tableau import tableau
 from jaxshroud.model.prepared import initial_state
 from jaxshroud.results.tuned import DesignJudgement
 from jaxshroud.scene.grids import scenes_at
+from jaxshroud.scene.keys import AT_REST
 from jaxshroud.verbs import gradient_ascent as ascent
 from jaxshroud.verbs.design_problem import Problem, judge_designs
 from jaxshroud.verbs.gradient_ascent import MAX_GROWTH, exact_slopes
@@ -230,7 +231,7 @@ def test_a_tuning_comes_back_from_its_file(scene, tmp_path):
 
 def test_a_tuning_starts_where_it_is_told(scene, tmp_path):
     # 1 mm apart at first, and no transient: the first periods count.
-    over, far = {"shroud.gap": (2e-5, 4e-5)}, initial_state(js.AT_REST._replace(x=jnp.asarray([-1e-3, 0.0])))
+    over, far = {"shroud.gap": (2e-5, 4e-5)}, initial_state(AT_REST._replace(x=jnp.asarray([-1e-3, 0.0])))
     small = TINY | {"n_periods": 2, "transient": 0}
     own, given = (tune(scene, over, state=state, **small) for state in (None, far))
     assert abs(own.objective - given.objective) > 1.0

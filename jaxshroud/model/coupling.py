@@ -1,0 +1,216 @@
+"""Forces between blades that do not touch: of springs and dampers between neighbours, and of the flow.
+
+Numbers are those of one interface, of a pair for instance, or arrays for all of a row; what a scene does not have is
+absent. Both are linear: `coupling_matrices` has them as matrices.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, summed
+from jaxshroud.model.blade import BladeForces
+from jaxshroud.model.sides import left_of_interfaces, right_of_interfaces, sum_at_blades
+from jaxshroud.scene.coupling import Aero, Coupling
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.layout import COORDINATES
+from jaxshroud.scene.scene import Scene
+
+SUFFIXES = {"x": "x", "y": "y", "theta": "T"}  # of stiffnesses and dampings, by coordinate
+
+
+class SpringForces(NamedTuple):
+    """The forces of the springs and dampers at an interface on the blade left of it; the right one has the opposite."""
+
+    x: Any  # [N]
+    y: Any
+    M: Any  # [N m]
+
+
+class NeighbourSprings(eqx.Module):
+    """The springs and dampers between neighbours of one interface, or of each."""
+
+    k_x: Any  # [N/m]
+    k_y: Any
+    k_T: Any  # [N m/rad]
+    c_x: Any  # [N s/m]
+    c_y: Any
+    c_T: Any  # [N m s/rad]
+
+    def forces(self, left: Motion, right: Motion) -> SpringForces:
+        """The forces on the left blade."""
+        return SpringForces(
+            self.k_x * (right.x - left.x) + self.c_x * (right.v_x - left.v_x),
+            self.k_y * (right.y - left.y) + self.c_y * (right.v_y - left.v_y),
+            self.k_T * (right.theta - left.theta) + self.c_T * (right.v_theta - left.v_theta),
+        )
+
+    def lost(self, left: Motion, right: Motion) -> Scalar:
+        """The power lost in the dampers [W]."""
+        along = self.c_x * (right.v_x - left.v_x) ** 2 + self.c_y * (right.v_y - left.v_y) ** 2
+        return along + self.c_T * (right.v_theta - left.v_theta) ** 2
+
+    def twice_energy(self, left: Motion, right: Motion) -> Scalar:
+        """Twice the energy of the springs [J]."""
+        along = self.k_x * (right.x - left.x) ** 2 + self.k_y * (right.y - left.y) ** 2
+        return along + self.k_T * (right.theta - left.theta) ** 2
+
+
+def neighbour_springs(scene: Scene) -> NeighbourSprings | None:
+    """The springs and dampers of a scene, without those along coordinates that no block has; None without any."""
+    coupling = scene.coupling
+    number = lambda kind, name: getattr(coupling, f"{kind}_{SUFFIXES[name]}") if scene.parts.has(name, 0) else None
+    numbers = [number(kind, name) for kind in "kc" for name in COORDINATES]
+    if all(a is None for a in numbers):
+        return None
+    return NeighbourSprings(*(ZERO if a is None else a for a in numbers))
+
+
+def motions_of_pair(z: Motion) -> tuple[Motion, Motion]:
+    """The motions of both blades, from `Pair`s."""
+    return Motion(*(a[0] for a in z)), Motion(*(a[1] for a in z))
+
+
+def forces_with_springs(R: BladeForces, z: Motion, springs: NeighbourSprings | None) -> BladeForces:
+    """Forces on both blades of a pair, with those of the springs between them; of `Pair`s."""
+    if springs is None:
+        return R
+    on_left = springs.forces(*motions_of_pair(z))
+    of_pair = lambda a, force: (a[0] + force, a[1] - force) if isinstance(a, tuple) else (force, -force)
+    return BladeForces(*(a if is_zero(f) else of_pair(a, f) for a, f in zip(R, on_left, strict=True)))
+
+
+def _on_both_sides(z: Motion, closed: bool) -> tuple[Motion, Motion]:
+    """The motion of the blade left of each interface, and of that right of it."""
+    side = lambda of: Motion(*(a if is_zero(a) else of(a, closed) for a in z))
+    return side(left_of_interfaces), side(right_of_interfaces)
+
+
+def forces_of_springs(z: Motion, springs: NeighbourSprings, closed: bool) -> BladeForces:
+    """The forces of a row's springs and dampers on each blade, from the motion of the shrouds (N, lanes)."""
+    on_left = springs.forces(*_on_both_sides(z, closed))
+    return BladeForces(*(a if is_zero(a) else sum_at_blades(a, -a, closed) for a in on_left))
+
+
+def half_losses(z: Motion, springs: NeighbourSprings, closed: bool) -> Any:
+    """The power lost in a row's dampers, half of each for both of its blades (N, lanes) [W]."""
+    lost = springs.lost(*_on_both_sides(z, closed))
+    return lost if is_zero(lost) else sum_at_blades(lost / 2, lost / 2, closed)
+
+
+def spring_energies(z: Motion, springs: NeighbourSprings, closed: bool) -> Any:
+    """The energy of the springs at each interface (E, lanes) [J]."""
+    energy = springs.twice_energy(*_on_both_sides(z, closed))
+    return energy if is_zero(energy) else energy / 2
+
+
+class InfluenceForce(NamedTuple):
+    """What the motion of one blade along x does to another, or to itself."""
+
+    k: Any  # Re L [N/m]
+    c: Any  # Im L / omega [N s/m]
+
+    def at(self, x: Any, v_x: Any) -> Any:
+        """The force against it [N]."""
+        return self.k * x + self.c * v_x
+
+
+class AeroMatrices(NamedTuple):
+    """The forces of the flow on each blade by its own motion, and by that of the next blade and the one before."""
+
+    own: InfluenceForce | None
+    next: InfluenceForce | None
+    before: InfluenceForce | None
+
+
+def aero_matrices(scene: Scene) -> AeroMatrices | None:
+    """The forces of the flow as stiffnesses and dampings at the base frequency of the drive; None without any."""
+    if not scene.aero.exists:
+        return None
+    parts = (scene.aero.coefficient(name) for name in ("L0", "L1", "L_1"))
+    return AeroMatrices(*(None if L is None else InfluenceForce(L[0], L[1] / scene.drive.omega) for L in parts))
+
+
+def forces_of_flow(z: Motion, aero: AeroMatrices, closed: bool) -> Any:
+    """The force of the flow along x on each blade of a row (N, lanes) [N]."""
+    neighbour = lambda a, shift: jnp.roll(a, shift, 0) if closed else _shifted(a, shift)
+    against = ZERO
+    for force, shift in ((aero.own, 0), (aero.next, -1), (aero.before, 1)):
+        if force is not None:
+            moved = (z.x, z.v_x) if shift == 0 else (neighbour(z.x, shift), neighbour(z.v_x, shift))
+            against = against + force.at(*moved)
+    return -against
+
+
+def _shifted(a: Any, shift: int) -> Any:
+    """The numbers of the neighbours on one side in a chain, 0 where there is none."""
+    none = jnp.zeros_like(a[:1])
+    return jnp.concatenate([none, a[:-1]]) if shift > 0 else jnp.concatenate([a[1:], none])
+
+
+class CouplingMatrices(NamedTuple):
+    """The stiffness and the damping between blades as matrices over all blades, and all coordinates: (3, N, N)."""
+
+    stiffness: Any  # [N/m], of theta [N m/rad]
+    damping: Any
+
+
+def coupling_matrices(scene: Scene) -> CouplingMatrices:
+    """The forces between the blades of a scene as matrices, along x, y and theta."""
+    layout, springs, aero = scene.layout, neighbour_springs(scene), aero_matrices(scene)
+    count, like = layout.blades, scene.drive.omega
+    left = jnp.arange(layout.interfaces)
+    right = (left + 1) % count
+    none = jnp.zeros((count, count), like.dtype)
+
+    def between(k: Any) -> Any:
+        if is_zero(k):
+            return none
+        k = jnp.broadcast_to(k, (layout.interfaces,))
+        own = none.at[left, left].add(k).at[right, right].add(k)
+        return own.at[left, right].add(-k).at[right, left].add(-k)
+
+    of_springs = lambda kind: [ZERO if springs is None else getattr(springs, f"{kind}_{s}") for s in SUFFIXES.values()]
+    stiffness, damping = (jnp.stack([between(a) for a in of_springs(kind)]) for kind in "kc")
+    if aero is None:
+        return CouplingMatrices(stiffness, damping)
+    after = none.at[left, right].add(1.0)  # the next blade of each
+    shifts = jnp.eye(count, dtype=like.dtype), after, after.T
+    of_flow = [(force, shift) for force, shift in zip(aero, shifts, strict=True) if force is not None]
+    along_x = lambda part: summed(getattr(force, part) * shift for force, shift in of_flow)
+    return CouplingMatrices(stiffness.at[0].add(along_x("k")), damping.at[0].add(along_x("c")))
+
+
+class CouplingBounds(NamedTuple):
+    """Bounds of what a pair's coupling adds, over x, y and theta of both blades: (6, 6) and (6,)."""
+
+    stiffness: Any
+    damping: Any
+
+
+def coupling_bounds(pair: Scene) -> CouplingBounds:
+    """The stiffness between both blades of a pair, and bounds of the damping and of the forces of the flow."""
+    coupling, omega = pair.coupling, pair.drive.omega
+    number = lambda a: jnp.zeros_like(omega) if a is None else a
+    opposed = jnp.array([[1.0, -1.0], [-1.0, 1.0]], omega.dtype)
+    K, C = jnp.zeros((6, 6), omega.dtype), jnp.zeros(6, omega.dtype)
+    for i, suffix in enumerate(SUFFIXES.values()):
+        own = slice(2 * i, 2 * i + 2)
+        K = K.at[own, own].add(number(getattr(coupling, f"k_{suffix}")) * opposed)
+        C = C.at[own].add(2 * number(getattr(coupling, f"c_{suffix}")))
+    flow = vars(pair.aero).items()
+    real, imaginary = (
+        summed([jnp.zeros_like(omega), *(jnp.abs(a) for name, a in flow if a is not None and name.endswith(part))])
+        for part in ("re", "im")
+    )
+    both = jnp.arange(2)
+    return CouplingBounds(K.at[both, both].add(real), C.at[both].add(imaginary / omega))
+
+
+def couplings_of_pairs(row: Scene) -> tuple[Coupling, Aero]:
+    """The coupling of pairs at every interface of a row (leading axis), twice that of the row, and the flow's."""
+    E = row.layout.interfaces
+    twice = jax.tree.map(lambda k: 2 * jnp.broadcast_to(k, (E,)), row.coupling)
+    return twice, jax.tree.map(lambda a: jnp.broadcast_to(a, (E,)), row.aero)

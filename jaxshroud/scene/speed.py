@@ -1,0 +1,118 @@
+"""What of a scene depends on the speed of its rotor: stiffnesses that grow with it, and gaps that untwist changes.
+
+    k(Omega) = k + B m Omega^2,    gap(Omega) = gap + (gap_at - gap) (Omega / Omega_at)^2,    Omega = omega / e
+
+with the engine order e of the drive, that of omega itself. Mistuning, frequencies and damping ratios by which a scene
+is given, and gamma, refer to the stiffness at rest; dampers stay as they are.
+"""
+
+from collections.abc import Container, Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from jaxshroud.scene.checks import KeyNameError, SceneError
+
+ORDER = "drive.engine_order"
+# (k, m) of each growth B: k(Omega) = k + B m Omega^2
+GROWTHS = {"blades.B_x": ("k_x", "m"), "blades.B_y": ("k_y", "m_y"), "blades.B_T": ("k_T", "I")}
+UNTWIST = ("shroud.gap_at", "shroud.gap_at_speed")
+SPEED_KEYS = (*GROWTHS, UNTWIST[0])
+
+
+def depends_on_speed(numbers: Container[str]) -> bool:
+    """Whether a scene with these numbers has any that changes another with the speed."""
+    return any(key in numbers for key in SPEED_KEYS)
+
+
+def keys_in(document: Mapping[str, Any]) -> list[str]:
+    """The keys that the tables of a file have."""
+    return [f"{table}.{name}" for table, rows in document.items() if isinstance(rows, Mapping) for name in rows]
+
+
+def needed_order(numbers: Container[str], given: Mapping[str, Any]) -> dict[str, Any]:
+    """The engine order by which a scene with these numbers and inputs tells its speed, if anything depends on that."""
+    return {ORDER: given[ORDER]} if ORDER in given and depends_on_speed(numbers) else {}
+
+
+def grown(k: Any, B: Any, mass: Any, square: Any) -> Any:
+    """A stiffness at the square of a speed [rad^2/s^2]; without B as it is."""
+    return k if B is None else k + B * mass * square
+
+
+def untwisted_gap(gap: Any, at: Any, at_speed: Any, square: Any) -> Any:
+    """The gap [m] at the square of a speed, by the one `at` the speed `at_speed`."""
+    return gap + (at - gap) * (square / at_speed**2)
+
+
+def without_zeros(entries: Mapping[str, Any]) -> dict[str, Any]:
+    """The entries of a table without a growth with the speed that is 0, which changes nothing."""
+    growths = {key.partition(".")[2] for key in GROWTHS}
+    return {name: value for name, value in entries.items() if name not in growths or np.any(value)}
+
+
+def check_speed(numbers: Mapping[str, Any], given: Mapping[str, Any], blades: int, where: str = "") -> None:
+    """Raise a SceneError, which begins with `where`, unless what depends on the speed of a scene can be worked out.
+
+    Args:
+        numbers: The numbers of the scene, or of many, by their keys.
+        given: Its inputs.
+        blades: How many blades there are.
+        where: The place that the message names first.
+    """
+    where = f"{where}: " if where else ""
+    for key, other in (UNTWIST, UNTWIST[::-1]):
+        if key in numbers and other not in numbers:
+            raise SceneError(f"{where}{key} needs {other}: give both, the gap at a speed and that speed")
+    key = next((key for key in SPEED_KEYS if key in numbers), None)
+    if key is None:
+        return
+    if given.get(ORDER) is None:
+        raise SceneError(f"{where}{key} needs {ORDER}, by which the speed is omega / engine_order; give it in its file")
+    order = np.asarray(given[ORDER], float)
+    if np.any(order == 0):
+        raise SceneError(f"{where}{key} needs a speed, but {ORDER} = 0 gives none")
+    square = (np.asarray(numbers["drive.omega"], float) / order) ** 2
+    for key, (k, mass) in GROWTHS.items():
+        if key in numbers:
+            _check_growth(key, k, numbers, mass, square, blades, where)
+
+
+def _check_growth(
+    key: str, k: str, numbers: Mapping[str, Any], mass: str, square: Any, blades: int, where: str
+) -> None:
+    """Raise a SceneError if a stiffness is not positive at a speed."""
+    mass = mass if f"blades.{mass}" in numbers else "m"
+    each = [np.asarray(numbers[name], float) for name in (f"blades.{k}", key, f"blades.{mass}")]
+    at_rest, B, inertia = (a if a.ndim > square.ndim else np.repeat(a[..., None], blades, -1) for a in each)
+    at_rest = at_rest * (1 + np.asarray(numbers.get("row.mistuning", 0.0), float))
+    at_speed = grown(at_rest, B, inertia, square[..., None])
+    if np.all(at_speed > 0):
+        return
+    place = np.unravel_index(np.argmin(at_speed), at_speed.shape)
+    speed = float(np.sqrt(np.broadcast_to(square[..., None], at_speed.shape)[place])) * 30 / np.pi
+    raise SceneError(
+        f"{where}{key} = {float(np.broadcast_to(B, at_speed.shape)[place]):g} makes {k} negative at {speed:.4g} rpm "
+        f"({float(at_speed[place]):.4g}); give a larger one, or stay at lower speeds"
+    )
+
+
+def require_phases_of_order(name: str, others: Container[str], numbers: Container[str]) -> None:
+    """Raise a KeyNameError where other phases would take from a row the engine order that its speed needs.
+
+    Args:
+        name: The number that is replaced.
+        others: The keys of which it takes the place.
+        numbers: The numbers of the scene by their keys.
+    """
+    if name == "drive.phase" and ORDER in others and depends_on_speed(numbers):
+        raise KeyNameError(
+            f"drive.phase is that of {ORDER} in a row whose stiffness or gap depends on its speed; "
+            "name drive.harmonic[0].phase for one with a list of harmonics"
+        )
+
+
+def replaced_by(key: str, others: Iterable[str], numbers: Container[str]) -> list[str]:
+    """Those of the `others` that `key` replaces: not an engine order that tells the speed beside a frequency."""
+    beside = {ORDER} if key != ORDER else {"drive.omega", "drive.f"}
+    return [other for other in others if not (other in beside and depends_on_speed(numbers))]

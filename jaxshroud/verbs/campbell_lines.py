@@ -1,0 +1,101 @@
+"""The natural frequencies of a scene over its speed, where stiffnesses or the gap depend on that."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from jaxshroud.model.growing_modes import Growth, Pressing, order_crossings, pressed_ranges, speed_curves
+from jaxshroud.model.natural_modes import LinearContact
+from jaxshroud.results.data_sheet import NaturalMode, SpeedLines
+from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.speed import ORDER, check_speed
+from jaxshroud.scene.typed import FloatArray
+from jaxshroud.scene.vary import numbers_of
+from jaxshroud.verbs.natural_frequencies import RAD_PER_CYCLE, in_float64, modes_in, words_for
+
+SHOWN_SPEEDS = 49  # of a range, at which frequencies are told
+
+
+def lines_of_speeds(
+    arrays: Scene,
+    system: LinearContact,
+    modes: Sequence[NaturalMode],
+    orders: Sequence[float],
+    ends: tuple[float, float],
+) -> SpeedLines:
+    """The natural frequencies of modes over a range of speeds, and where engine orders meet them.
+
+    Args:
+        arrays: The scene, its numbers as NumPy arrays.
+        system: Its blades and their contact at its own speed.
+        modes: The modes that are told.
+        orders: The engine orders.
+        ends: The ends of the range [rad/s].
+
+    Raises:
+        InputError: A stiffness is negative at the end of the range.
+    """
+    blades, growth, speeds = in_float64(system), growth_of(arrays), np.linspace(*ends, SHOWN_SPEEDS)
+    _check_end(arrays, ends[1])
+    pressed = _pressed(arrays, blades, growth, ends, modes)
+    frequencies, crossings = np.empty((len(modes), len(speeds))), np.empty((len(modes), len(orders)))
+    for contact in dict.fromkeys(mode.contact for mode in modes):
+        told = [i for i, mode in enumerate(modes) if mode.contact == contact]
+        every = modes_in(blades, contact, [0 * blades.mass], words_for(arrays))
+        places = [_place(modes[i], every) for i in told]
+        frequencies[told] = speed_curves(blades, contact, growth, speeds**2)[places] / RAD_PER_CYCLE
+        met = [order_crossings(blades, contact, growth, order)[places] for order in orders]
+        crossings[told] = np.stack(met, axis=-1)
+    for values, at in ((frequencies, np.broadcast_to(speeds, frequencies.shape)), (crossings, crossings)):
+        values[_excluded(modes, at, pressed)] = np.nan
+    listed = lambda a: tuple(tuple(map(float, row)) for row in a)
+    return SpeedLines(tuple(map(float, speeds)), listed(frequencies), listed(crossings), tuple(pressed))
+
+
+def _place(mode: NaturalMode, every: Sequence[NaturalMode]) -> int:
+    """The place of a mode that is told among all of its contact, of which it may stand for several."""
+    alike = [i for i, other in enumerate(every) if (other.motion, other.frequency) == (mode.motion, mode.frequency)]
+    return next((i for i in alike if every[i].blades == mode.blades), alike[0])
+
+
+def growth_of(arrays: Scene) -> Growth:
+    """How the stiffnesses of the blades of a scene grow, from NumPy arrays."""
+    b = arrays.blades
+    pairs = ((b.B_x, b.m), (b.B_y, b.inertia_y), (b.B_T, b.I))
+    by_square = np.concatenate([np.zeros_like(mass) if B is None else B * mass for B, mass in pairs]).astype(float)
+    return Growth(by_square, float(arrays.drive.omega / arrays.given[ORDER]) ** 2)
+
+
+def _pressed(
+    arrays: Scene, blades: LinearContact, growth: Growth, ends: tuple[float, float], modes: Sequence[NaturalMode]
+) -> list[tuple[float, float]]:
+    """The ranges of speeds in which the faces are pressed together at rest; none where they are not looked at."""
+    if all(mode.contact == "apart" for mode in modes):
+        return []
+    s, mean = arrays.shroud, arrays.drive.harmonics().get(0)
+    loads = np.zeros(len(blades.mass)) if mean is None else np.concatenate([mean.F_x, mean.F_y, mean.M_0])
+    gap = np.atleast_1d(s.gap).astype(float)
+    slope = 0 * gap if s.gap_at is None else (np.atleast_1d(s.gap_at) - gap) / float(s.gap_at_speed) ** 2
+    at_points = len(blades.k) // len(gap)  # of each interface
+    by = Pressing(loads, np.repeat(gap, at_points), np.repeat(slope, at_points), float(np.sin(s.alpha)))
+    return pressed_ranges(blades, growth, by, *ends)
+
+
+def _excluded(modes: Sequence[NaturalMode], speeds: FloatArray, pressed: Sequence[tuple[float, float]]) -> Any:
+    """Where modes (modes, ...) are not in their state of contact; nowhere if the faces are pressed at no speed."""
+    if not pressed:
+        return np.zeros(speeds.shape, bool)
+    together = np.any([(speeds >= start) & (speeds <= stop) for start, stop in pressed], axis=0)
+    apart = np.array([mode.contact == "apart" for mode in modes])[:, None]
+    return together == apart
+
+
+def _check_end(arrays: Scene, stop: float) -> None:
+    """Raise an InputError if a stiffness is negative at the highest speed of a range."""
+    numbers = numbers_of(arrays) | {"drive.omega": np.asarray(stop * abs(arrays.given[ORDER]))}
+    try:
+        check_speed(numbers, arrays.given, arrays.layout.blades)
+    except ValueError as error:
+        raise InputError(f"{error}: let the range of speeds `stop` before.") from None

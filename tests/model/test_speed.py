@@ -1,0 +1,239 @@
+"""Stiffnesses that grow with the speed, and gaps that untwist changes: against closed forms and scenes at rest."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import jaxshroud as js
+from jaxshroud.model.linear import free_power, static_position, steady_amplitudes
+from jaxshroud.scene.speed import SPEED_KEYS
+
+GROWTH = ("blades.B_x=[1.3, 0.8]", "blades.B_y=0.7", "blades.B_T=-0.4")
+UNTWIST = ("shroud.gap_at=-15 um", "shroud.gap_at_speed=1500 rpm")
+HARMONICS = """
+[blades]
+m = [0.08, 0.1]
+I = 2.46e-3
+f_x = 178.0
+k_y = 3e6
+k_T = 2000.0
+zeta_x = 0.02
+c_y = 19.6
+c_T = 0.506
+B_x = [1.3, 0.8]
+B_y = 0.7
+B_T = 0.4
+[shroud]
+alpha = "60 deg"
+l_oa = 0.05
+l_ab = 0.035
+gap = 1.0
+[contact]
+gamma = 2.5
+[friction]
+k_d = 1e6
+mu = 0.5
+[drive]
+speed = "1500 rpm"
+phase = [0.3, 1.0]
+F_x_mean = [3.0, -2.0]
+M_mean = 0.4
+[[drive.harmonic]]
+engine_order = 4
+F = [20.0, 30.0]
+beta = 0.5
+M = 0.2
+[[drive.harmonic]]
+engine_order = 8
+F = 10.0
+beta = [0.2, 0.9]
+M = 0.1
+phase = [0.4, -0.7]
+[run]
+periods = 4
+"""
+
+
+def scene_of(*changes, name="fig16_best"):
+    return js.load(name, ["drive.engine_order=4", *GROWTH, *UNTWIST, *changes]).scene
+
+
+def at_rest(scene):
+    """The scene with the stiffnesses and the gap of its speed as those at rest, from which nothing grows."""
+    running = scene.mistuned_blades, scene.running_shroud, scene.k, None
+    places = lambda s: (s.blades, s.shroud, s.contact.k, s.contact.gamma)
+    plain = eqx.tree_at(places, scene, running, is_leaf=lambda part: part is None)
+    if scene.row is not None:
+        plain = eqx.tree_at(lambda s: s.row.mistuning, plain, jnp.zeros_like(scene.row.mistuning))
+    return eqx.tree_at(lambda s: s.given, plain, {}, is_leaf=lambda part: isinstance(part, dict))
+
+
+def test_numbers_grow_as_the_formulas_say():
+    scene = scene_of()
+    b, square = scene.blades, (float(scene.drive.omega) / 4) ** 2
+    running = scene.running_blades
+    np.testing.assert_allclose(running.k_x, b.k_x + np.array([1.3, 0.8]) * b.m * square, rtol=1e-15)
+    np.testing.assert_allclose(running.k_y, b.k_y + 0.7 * b.m * square, rtol=1e-15)
+    np.testing.assert_allclose(running.k_T, b.k_T - 0.4 * b.I * square, rtol=1e-15)
+    share = square / (1500 * np.pi / 30) ** 2
+    np.testing.assert_allclose(scene.running_shroud.gap, 22e-6 - 37e-6 * share, rtol=1e-14)
+    # Gamma is that of the stiffness at rest, and dampers do not change.
+    np.testing.assert_allclose(scene.k, scene.contact.gamma * b.k_x[0], rtol=1e-15)
+    np.testing.assert_array_equal(running.c_x, b.c_x)
+
+
+def test_frequencies_ratios_and_mistuning_are_those_at_rest():
+    given = js.load("engine_order", ["blades.B_x=1.1"]).scene
+    plain = js.load("engine_order").scene
+    np.testing.assert_array_equal(given.blades.k_x, plain.blades.k_x)
+    np.testing.assert_array_equal(given.blades.c_x, plain.blades.c_x)
+    row = js.load("table1", ["row.blades=3", "row.mistuning=[0.1, 0.0, -0.1]", "blades.B_x=1.1", *ENGINE_ROW]).scene
+    square = (float(row.drive.omega) / 4) ** 2
+    wanted = np.array([1.1, 1.0, 0.9]) * 1e5 + 1.1 * 0.08 * square
+    np.testing.assert_allclose(row.mistuned_blades.k_x, wanted, rtol=1e-15)
+
+
+ENGINE_ROW = ("drive.engine_order=4", "row.closed=true")
+
+
+def free_reference(t):
+    """The motion of the free blades of `HARMONICS` from rest, by DOP853 in plain numbers: (6, times)."""
+    O, e = 1500 * np.pi / 30, 4
+    m, I = np.array([0.08, 0.1]), 2.46e-3
+    k_x0 = m * (2 * np.pi * 178) ** 2
+    k = np.stack([k_x0 + np.array([1.3, 0.8]) * m * O**2, 3e6 + 0.7 * m * O**2, 2000 + 0.4 * I * np.full(2, O**2)])
+    c = np.stack([2 * 0.02 * np.sqrt(k_x0 * m), np.full(2, 19.6), np.full(2, 0.506)])
+    mass = np.stack([m, m, np.full(2, I)])
+    phi, psi = np.array([0.3, 1.0]), np.array([0.4, -0.7])
+
+    def rhs(t, z):
+        q, v = z.reshape(2, 3, 2)
+        one, two = np.sin(e * O * t + phi), np.sin(2 * (e * O * t + phi) + psi)
+        F = np.array([20.0, 30.0])
+        beta = np.array([0.2, 0.9])
+        load = np.stack(
+            [
+                np.array([3.0, -2.0]) + F * np.cos(0.5) * one + 10 * np.cos(beta) * two,
+                F * np.sin(0.5) * one + 10 * np.sin(beta) * two,
+                0.4 + 0.2 * one + 0.1 * two,
+            ]
+        )
+        return np.concatenate([v.ravel(), ((load - c * v - k * q) / mass).ravel()])
+
+    found = solve_ivp(rhs, (0, t[-1]), np.zeros(12), "DOP853", t, rtol=1e-13, atol=1e-18)
+    return found.y[:6]
+
+
+def test_two_orders_a_mean_load_and_growth_without_contact_follow_dop853(tmp_path):
+    # Rounding of both integrators over three periods: 1e-12 of the largest displacement.
+    file = tmp_path / "free.toml"
+    file.write_text(HARMONICS, encoding="utf-8")
+    scene = js.load(str(file)).scene
+    assert float(scene.given["drive.engine_order"]) == 4
+    t = np.linspace(0, 3, 13) * float(scene.drive.period)
+    wanted = free_reference(t).reshape(3, 2, 13)
+    run = js.simulate(scene, n_periods=3, method=js.RungeKutta("dopri8", steps=400))
+    for row, name in enumerate(("x", "y", "theta")):
+        found = np.asarray(getattr(run.motion, name))[::100].T
+        np.testing.assert_allclose(found, wanted[row], rtol=0, atol=1e-12 * np.abs(wanted[row]).max(), err_msg=name)
+    # Control: with the stiffnesses at rest the motion is another one.
+    still = eqx.tree_at(lambda s: s.blades, scene, scene.blades.at_speed(0.0))
+    plain = js.simulate(still, n_periods=3, method=js.RungeKutta("dopri8", steps=400))
+    assert np.max(np.abs(np.asarray(plain.motion.x)[::100].T - wanted[0])) > 1e-3 * np.abs(wanted[0]).max()
+
+
+@pytest.mark.parametrize("layout", ["pair", "row"])
+def test_every_closed_form_is_that_of_a_scene_at_rest_with_these_numbers(layout):
+    row = ("row.blades=3", "row.mistuning=[0.1, 0.0, -0.1]", "row.closed=true", "drive.phase=0", "blades.B_x=1.3")
+    changes = row if layout == "row" else ()
+    scene = scene_of("drive.F_x_mean=2.0", *changes, name="table1" if layout == "row" else "fig16_best")
+    plain = at_rest(scene)
+    np.testing.assert_allclose(free_power(scene), free_power(plain), rtol=1e-14)
+    for n, one in steady_amplitudes(scene).items():
+        for a, b in zip(one, steady_amplitudes(plain)[n], strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-13)
+    np.testing.assert_allclose(static_position(scene).x, static_position(plain).x, rtol=1e-14)
+    sheets = [js.check(s, start=0, stop=300.0) for s in (scene, plain)]
+    names = ("approach", "slide", "gap", "pressed", *(["omega_max"] if scene.row is None else []))
+    for name in names:  # the bound of a row is that of pairs without mistuning
+        np.testing.assert_allclose(getattr(sheets[0], name), getattr(sheets[1], name), rtol=1e-12, err_msg=name)
+
+
+METHOD = js.RungeKutta(steps=200)
+
+
+def test_contact_is_that_of_a_scene_at_rest_with_these_numbers():
+    scene = scene_of()
+    runs = [js.simulate(s, n_periods=2, method=METHOD) for s in (scene, at_rest(scene))]
+    found, wanted = (np.asarray(run.motion.x) for run in runs)
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
+    assert np.any(np.asarray(runs[0].mode) > 0)
+
+
+def test_a_sweep_along_the_speed_follows_each_lane():
+    scene = scene_of()
+    speeds = [120.0, 150.0]
+    swept = js.sweep(scene, {"drive.speed": speeds}, n_periods=1, transient=3, method=METHOD)
+    assert js.sweep(scene, {"drive.omega": [4 * s for s in speeds]}, n_periods=1, transient=3, method=METHOD).P_d.shape
+    for i, speed in enumerate(speeds):
+        one = at_rest(js.vary(scene, "drive.speed", speed))
+        alone = js.sweep(one, {"drive.level": [1.0, 1.1]}, n_periods=1, transient=3, method=METHOD)
+        np.testing.assert_allclose(swept.P_d[i], alone.P_d[0], rtol=1e-9)
+
+
+def test_derivatives_of_the_closed_form_are_exact():
+    # Omega = omega / e: growth moves the stiffness with the frequency, a speed with both, and the order alone not.
+    scene = scene_of()
+
+    def P_0(key, value):
+        return jnp.sum(free_power(js.vary(scene, key, value)))
+
+    for key in ("drive.omega", "blades.B_x", "blades.k_x", "drive.speed"):
+        at = 134.0 if key == "drive.speed" else js.value_of(scene, f"{key}[0]" if key == "blades.B_x" else key)
+        exact, h = float(jax.grad(lambda v, key=key: P_0(key, v))(at)), 1e-4 * abs(at)
+        by_steps = np.array([float(P_0(key, at + n * h)) for n in (-2, -1, 1, 2)]) @ [1, -8, 8, -1] / (12 * h)
+        np.testing.assert_allclose(exact, by_steps, rtol=1e-8, err_msg=key)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        (["blades.B_x=1"], r"^--set: blades.B_x needs drive.engine_order"),
+        (["shroud.gap_at=0", "shroud.gap_at_speed=100"], r"^--set: shroud.gap_at needs drive.engine_order"),
+        (["shroud.gap_at=0"], r"^--set: shroud.gap_at needs shroud.gap_at_speed"),
+        (["drive.engine_order=4", "blades.B_T=-900"], r"^--set: blades.B_T = -900 makes k_T negative at 1280 rpm"),
+        (["drive.engine_order=4", "blades.B_x=nan"], "B_x = NaN"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(changes, told):
+    with pytest.raises(js.SceneError, match=told) as error:
+        js.load("table1", changes)
+    assert "\n" not in str(error.value)
+
+
+def test_a_range_of_speeds_with_a_negative_stiffness_is_refused():
+    scene = js.load("table1", ["drive.engine_order=4", "blades.B_x=-20"]).scene
+    with pytest.raises(js.SceneError, match="makes k_x negative at 2865 rpm"):
+        js.sweep(scene, {"drive.speed": [100.0, 300.0]}, n_periods=1)
+    with pytest.raises(js.SceneError, match=r"^blades.B_x needs drive.engine_order"):
+        js.vary(js.load("table1").scene, "blades.B_x", 1.0)
+
+
+def test_zero_growth_is_none():
+    plain = js.load("table1", [f"{key}=0" for key in SPEED_KEYS[:3]]).scene
+    assert jax.tree.structure(plain) == jax.tree.structure(js.load("table1").scene)
+
+
+def test_files_give_back_what_they_were_given(tmp_path):
+    file = js.load("table1", ["drive.engine_order=4", *GROWTH, *UNTWIST])
+    assert {"drive.engine_order"} == set(file.given)  # beside omega, as the speed needs it
+    (tmp_path / "again.toml").write_text(file.text(), encoding="utf-8")
+    again = js.load(str(tmp_path / "again.toml"))
+    assert again.text() == file.text()
+    for a, b in zip(jax.tree.leaves(again.scene), jax.tree.leaves(file.scene), strict=True):
+        np.testing.assert_array_equal(a, b)
+    faster = js.vary(file.scene, "drive.f", 100.0)
+    assert set(faster.given) == {"drive.engine_order", "drive.f"}
