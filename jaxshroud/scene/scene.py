@@ -200,7 +200,7 @@ class Scene(eqx.Module):
         if self.is_coupled and self.parts.contact == "none":
             raise InputError(COUPLED_WITHOUT_CONTACT)
         word_argument("start", self.start, Start)
-        if self.start != "motion":
+        if self.start != "motion" or self.parts.contact in SPRUNG[1:]:
             self._require_equilibrium()
         if self.laws is not None and not self.laws.marches_in_rows:
             require_capability(OWN_LAWS, self.layout)
@@ -223,7 +223,9 @@ class Scene(eqx.Module):
         elif self.blades.matrices() is not None:
             what = "blades by matrices"
         if what:
-            raise InputError(f"A static start is one of located contact of lumped blades so far, not with {what}.")
+            raise InputError(
+                f"Static starts and closed forms are of located contact of lumped blades so far, not of {what}."
+            )
 
     def _check_shapes(self) -> None:
         for table, keys in KEYS_BY_TABLE.items():
