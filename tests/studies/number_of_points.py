@@ -95,7 +95,7 @@ def table(found: dict[str, dict[str, Any]]) -> str:
     heads += ["against corner", "error: median, p90"]
     lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for name, by_model in found.items():
-        base = by_model["corner"]["microseconds"]
+        base = by_model["corner"]["microseconds"] if "corner" in by_model else np.nan
         for model in filter(by_model.get, MODELS):
             one = by_model[model]
             period, total = np.array(one["period"]), np.sum([*one["events"].values()], axis=0)

@@ -17,7 +17,7 @@ import numpy as np
 import jaxshroud as js
 
 FILE = Path(__file__).with_suffix(".json")
-METHOD = js.RungeKutta("dopri8", steps=1000)
+STEPS = 1000
 PERIODS, BALANCES = 4, 1e-9
 ROW = ("row.blades=3", "drive.engine_order=1")
 STRUCTURES = {  # name -> the shipped scene, changes
@@ -49,9 +49,10 @@ def random_scenes(shipped: str, changes: tuple[str, ...], count: int, seed: int)
     return jax.tree.map(lambda *a: np.stack(a), *scenes)
 
 
-def residuals(scenes: js.Scene) -> tuple[np.ndarray, np.ndarray]:
+def residuals(scenes: js.Scene, steps: int = STEPS) -> tuple[np.ndarray, np.ndarray]:
     """The largest energy residual of a period of scenes over the mean work of the drive, and their events."""
-    ran = js.sweep(scenes, n_periods=PERIODS, transient=0, method=METHOD, ledger=True)
+    method = js.RungeKutta("dopri8", steps=steps)
+    ran = js.sweep(scenes, n_periods=PERIODS, transient=0, method=method, ledger=True)
     assert not np.any(ran.status)
     counts = [np.reshape(count, (len(ran.status), -1)).sum(axis=-1) for count in ran.counters.values()]
     return np.abs(np.asarray(ran.energy_residual)), np.sum(counts, axis=0)
