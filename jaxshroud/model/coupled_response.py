@@ -35,8 +35,8 @@ def coupled_response(scene: Scene, omega: Scalar, drive: DriveHarmonic | MeanLoa
 
 
 def _complex_load(scene: Scene, name: str, drive: DriveHarmonic | MeanLoad) -> Complex[Array, "blades"]:
-    load = jnp.where(_moves(scene, name), drive.load(name), 0.0)
-    return lax.complex(load * jnp.cos(drive.phase), load * jnp.sin(drive.phase))
+    load = drive.parts(name, lambda part: jnp.where(_moves(scene, name), part, 0.0))
+    return lax.complex(load.re, load.im)
 
 
 def _moves(scene: Scene, name: str) -> Array:
@@ -68,7 +68,8 @@ def _of_elastic_blades(scene: Scene, omega: Scalar, between: list[Any], force: l
     )
     none = jnp.zeros_like(force[0])
     moving = [scene.parts.has(name, 0) for name in COORDINATES]
-    rows = [[a + none if moves else none for a in row] for moves, row in zip(moving, shroud, strict=True)]
+    as_complex = lambda a: lax.complex(a, jnp.zeros_like(a))
+    rows = [[as_complex(a) if moves else none for a in row] for moves, row in zip(moving, shroud, strict=True)]
     H = [times_vector(rows, times_vector(inverse, column)) for column in rows]  # H[b][a]: of a by a force along b
     blocks = [[jnp.diag(H[b][a]) for b in range(3)] for a in range(3)]
     receptance = jnp.block(blocks)

@@ -135,7 +135,7 @@ def aero_matrices(scene: Scene) -> AeroMatrices | None:
 
 def forces_of_flow(z: Motion, aero: AeroMatrices, closed: bool) -> Any:
     """The force of the flow along x on each blade of a row (N, lanes) [N]."""
-    neighbour = lambda a, shift: jnp.roll(a, shift, 0) if closed else _shifted(a, shift)
+    neighbour = lambda a, shift: jnp.roll(a, shift, 0) if closed else _along_chain(a, shift)
     against = ZERO
     for force, shift in ((aero.own, 0), (aero.next, -1), (aero.before, 1)):
         if force is not None:
@@ -144,7 +144,7 @@ def forces_of_flow(z: Motion, aero: AeroMatrices, closed: bool) -> Any:
     return -against
 
 
-def _shifted(a: Any, shift: int) -> Any:
+def _along_chain(a: Any, shift: int) -> Any:
     """The numbers of the neighbours on one side in a chain, 0 where there is none."""
     none = jnp.zeros_like(a[:1])
     return jnp.concatenate([none, a[:-1]]) if shift > 0 else jnp.concatenate([a[1:], none])
@@ -214,3 +214,30 @@ def couplings_of_pairs(row: Scene) -> tuple[Coupling, Aero]:
     E = row.layout.interfaces
     twice = jax.tree.map(lambda k: 2 * jnp.broadcast_to(k, (E,)), row.coupling)
     return twice, jax.tree.map(lambda a: jnp.broadcast_to(a, (E,)), row.aero)
+
+
+def coupled_damping(scene: Scene) -> Any:
+    """The damping between the blades of a scene over all coordinates, (3 N, 3 N)."""
+    damping = coupling_matrices(scene).damping
+    count = damping.shape[-1]
+    return jnp.einsum("aij,ab->aibj", damping, jnp.eye(3, dtype=damping.dtype)).reshape(3 * count, 3 * count)
+
+
+def static_coupling(scene: Scene, j: Any) -> tuple[Any, Any]:
+    """The stiffness at interface `j` of the springs between its blocks, and of the flow: (6, 6) each.
+
+    Coordinates are x, y and theta of both blocks. The flow on a blade by its own motion is at the interface right of
+    it; on the last one of a chain at its only one.
+    """
+    layout, springs, aero = scene.layout, neighbour_springs(scene), aero_matrices(scene)
+    at = lambda a: jnp.broadcast_to(a, (layout.interfaces,))[j]
+    k = [
+        0.0 * scene.drive.omega if springs is None or is_zero(a := getattr(springs, f"k_{s}")) else at(a) for s in "xyT"
+    ]
+    opposed = jnp.array([[1.0, -1.0], [-1.0, 1.0]], scene.drive.omega.dtype)
+    K = jnp.kron(jnp.diag(jnp.stack(k)), opposed)
+    if aero is None:
+        return K, 0.0 * K
+    own, after, before = (0.0 * scene.drive.omega if force is None else force.k for force in aero)
+    last = jnp.where(jnp.asarray(not layout.closed) & (j == layout.interfaces - 1), own, 0.0)
+    return K, jnp.zeros_like(K).at[:2, :2].set(jnp.stack([jnp.stack([own, after]), jnp.stack([before, last])]))

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxshroud.cache.programs import kept
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.contact_law import SummedForces
+from jaxshroud.model.coupling import static_coupling
 from jaxshroud.model.face_points import FaceKinematics
 from jaxshroud.model.geometry import contact_kinematics, natural_case, pose
 from jaxshroud.model.interface import loaded_contact, torques_along_face
@@ -64,10 +65,24 @@ def resting_contact_of(scene: Scene, q: Any, mode: Any, case: Any, u_s: Any) -> 
     def at_interface(j: Any, mode: Any, case: Any, u_s: Any) -> RestingContact:
         model = prepared_model(pair_at(scene, j))
         sides = jnp.stack([j, (j + 1) % count])
-        return _contact_between(q[:, sides].ravel(), State(None, u_s, mode, case), model)
+        own = q[:, sides].ravel()
+        found = _contact_between(own, State(None, u_s, mode, case), model)
+        return with_coupling(found, own, scene, j) if scene.is_coupled else found
 
     none = None if u_s is None else 0
     return jax.vmap(at_interface, in_axes=(0, 0, 0, none))(jnp.arange(case.shape[0]), mode, case, u_s)
+
+
+def with_coupling(contact: RestingContact, q: Any, scene: Scene, j: Any) -> RestingContact:
+    """The contact of interface `j` with the forces of what else couples its blocks, and the energy of the springs.
+
+    The force of the flow on a blade by its own motion is that of the interface right of it, or at its end of a chain.
+    """
+    springs, flow = static_coupling(scene, j)
+    K = springs + flow
+    return contact._replace(
+        load=contact.load - K @ q, load_q=contact.load_q - K, energy=contact.energy + q @ springs @ q / 2
+    )
 
 
 def _contact_between(q: Any, state: State, model: Model) -> RestingContact:

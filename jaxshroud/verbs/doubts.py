@@ -169,7 +169,7 @@ def _contact_doubts(sheet: DataSheet, face: float) -> Iterator[str]:
     if MAX_SLIDE_FACES * face < sheet.slide < np.inf:
         slid = f"{sheet.slide * 1e3:.3g} mm, {sheet.slide / face:.2g} of their length"
         yield f"the free faces slide by {slid}: they pass each other's ends, where contact is taken to go on"
-    if sheet.static_gaps:
+    if sheet.static_gaps or any(mode.zeta < 0 for mode in sheet.flow_modes):
         return
     if sheet.gap > sheet.approach + sum(sheet.corner):
         yield "the free blades do not come near enough to touch: contact, if any, comes from the start alone"

@@ -32,9 +32,9 @@ def flow_modes(blades: LinearContact, flow: FloatArray, closed: bool) -> tuple[F
         other rows by frequency.
 
     Source:
-        The roots of det(D_h + i omega C_h - omega^2 M), with D_h = K + 4 sin^2(pi h / N) K_c + L0
-        + L1 exp(i 2 pi h / N) + L_1 exp(-i 2 pi h / N) as marched: Re L in D_h, and Im L / omega_drive in C_h. What
-        the flow adds to the damping ratio is the rest that the dampers do not give.
+        The roots of D_h + lambda C_h + lambda^2 m, with K + 4 sin^2(pi h / N) K_c + L0 + L1 exp(i 2 pi h / N)
+        + L_1 exp(-i 2 pi h / N) as it is marched: Re L in D_h, and Im L / omega_drive in C_h. What the flow adds to the
+        damping ratio is the rest that the dampers do not give.
     """
     count = len(flow)
     along_x = slice(0, count)

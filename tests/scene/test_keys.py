@@ -14,6 +14,7 @@ from jaxshroud.plotting.style import QUANTITIES
 from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.checks import KeyNameError
 from jaxshroud.scene.config import load
+from jaxshroud.scene.coupling import Coupling
 from jaxshroud.scene.keys import (
     ALL_KEYS,
     INPUT_KEYS,
@@ -35,6 +36,7 @@ CLASSES = {
     "shroud": Shroud,
     "contact": Contact,
     "friction": Friction,
+    "coupling": Coupling,
     "drive": Drive,
     "initial": Motion,
 }
