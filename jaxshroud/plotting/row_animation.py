@@ -137,7 +137,9 @@ class RowAnimation(Animation):
         else:
             interfaces = frame.sizes["interface"]
             points = frame["contact_point"].to_numpy() if "contact_point" in frame else np.zeros(interfaces)
-        at = [self.blocks.point_on_face(corners[where[0]], points[tuple(where)]) for where in np.argwhere(touching)]
+        touched = np.nonzero(touching)
+        on_faces = zip(touched[0], points[touched].tolist(), strict=True)
+        at = [self.blocks.point_on_face(corners[j], place) for j, place in on_faces]
         self.marks.set_offsets(self._drawn(np.reshape(at, (-1, 2))))
         share = frame[N].to_numpy()[touching] / (self.largest_force or 1.0) if len(at) else np.zeros(0)
         self.marks.set_sizes(LEAST_MARK + (LARGEST_MARK - LEAST_MARK) * share)

@@ -116,10 +116,10 @@ def override(document: dict[str, Any], text: str) -> tuple[str, str]:
 
 def _set_place(contact: dict[str, Any], m: int, place: Any) -> None:
     """Set the place of one point of contact in the list of a table [contact], in place."""
-    points = contact.get("points")
-    count = len(points) if isinstance(points, list) else 0
-    if m >= count:
-        fail("--set", no_place(m, count))
+    given = contact.get("points")
+    points = given if isinstance(given, list) else []
+    if m >= len(points):
+        fail("--set", no_place(m, len(points)))
     contact["points"] = [place if i == m else other for i, other in enumerate(points)]
 
 

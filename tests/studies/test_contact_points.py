@@ -18,6 +18,9 @@ def test_derivatives_are_those_of_differences():
 def test_energy_balances():
     found = point_energy.figures("pairs", 8)
     assert found["balanced"] == found["scenes"], found["residuals"]
+    # Control: with few steps it does not.
+    coarse = point_energy.residuals(point_energy.random_scenes(*point_energy.STRUCTURES["pairs"][0], 4, 0), 60)[0]
+    assert coarse.max() > 100 * point_energy.BALANCES
 
 
 def test_marches_agree_with_independent_ones():
