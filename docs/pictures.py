@@ -13,10 +13,20 @@ from pathlib import Path
 
 PICTURES = Path(__file__).parent / "pictures"
 SCENE = "fig09_best"
+ORDERS = "orders.toml"  # the scene of `engineer_scene`, in every folder
 TWO = "table1 --set drive.M_0=0.1 --set drive.omega=545"  # motions coexist there
 # Picture -> commands of its page, and what the last of them draws.
 COMMANDS = {
     "check.png": (["check fig09_best --engine-orders 1..6 --stop 6000rpm --out sheet"], "sheet/check.png"),
+    "orders_check.png": ([f"check {ORDERS} --engine-orders 2,4,6,8 --stop 3000rpm --out sheet"], "sheet/check.png"),
+    "orders_power.png": ([f"power {ORDERS} --transient 400 --out power"], "power/power.png"),
+    "orders_speed.png": (
+        [
+            f"sweep {ORDERS} --along drive.speed --start '600 rpm' --stop '1800 rpm' --num 61 --amplitudes --out speed",
+            "plot speed --kind amplitude --out speed.png",
+        ],
+        "speed.png",
+    ),
     "simulate.png": ([f"simulate {SCENE} --periods 20 --out run.nc", "plot run.nc --width 90mm"], "run.png"),
     "row.png": (
         ["simulate row_ring12 --periods 6 --tableau dopri8 --steps-per-period 100 --out ring.nc", "plot ring.nc"],
@@ -195,11 +205,18 @@ def fit(path: Path) -> None:
     found.plot(width=90).savefig(path, dpi=200)
 
 
+def engineer_scene() -> str:
+    """The scene that a page shows as a file of one's own."""
+    page = (Path(__file__).parent / "engineer.md").read_text("utf-8")
+    return page.partition("```toml\n")[2].partition("```")[0]
+
+
 def drawn(commands: list[str], last: str, to: Path) -> None:
     """Run commands in an empty folder and keep what the last of them draws."""
     from jaxshroud.cli import commands as cli
 
     with tempfile.TemporaryDirectory() as out, chdir(out):
+        Path(ORDERS).write_text(engineer_scene(), "utf-8")
         for command in commands:
             if cli.main(shlex.split(command)):
                 raise SystemExit(f"failed: jaxshroud {command}")

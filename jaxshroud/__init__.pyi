@@ -49,6 +49,7 @@ from .scene.checks import NumericalError as NumericalError
 from .scene.checks import SceneError as SceneError
 from .scene.checks import StoreError as StoreError
 from .scene.config import load as load
+from .scene.drive import ComplexHarmonic as ComplexHarmonic
 from .scene.drive import Drive as Drive
 from .scene.drive import Harmonic as Harmonic
 from .scene.file import SceneFile as SceneFile

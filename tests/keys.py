@@ -5,7 +5,17 @@
 
 from pathlib import Path
 
-from jaxshroud.scene.keys import ALL_KEYS, HARMONIC_KEYS, INPUT_KEYS, MAX_BLADES, MIN_BLADES, ROW_KEYS, SCENE_KEYS, Key
+from jaxshroud.scene.keys import (
+    ALL_KEYS,
+    COMPLEX_KEYS,
+    HARMONIC_KEYS,
+    INPUT_KEYS,
+    MAX_BLADES,
+    MIN_BLADES,
+    ROW_KEYS,
+    SCENE_KEYS,
+    Key,
+)
 from jaxshroud.scene.optional import WITHOUT_EFFECT
 
 FILE = Path(__file__).parent.parent / "docs" / "keys.md"
@@ -38,7 +48,11 @@ A scene remembers what it is given by: where `blades.m` changes, a scene that is
 and `zeta_x` keeps these, and `k_x` and `c_x` follow. Numbers that are replaced in Python without `vary` are simply
 numbers: the inputs that no longer give them do not count.
 
-A speed needs an engine order. For `drive.omega` of a scene with an engine order, `"1300 rpm"` is an error: name
+A speed needs an engine order. At the speed Omega = omega / e of the rotor the stiffnesses are k_x + B_x m Omega^2,
+k_y + B_y m_y Omega^2 and k_T + B_T I Omega^2, and the gap is gap + (gap_at - gap) (Omega / gap_at_speed)^2. `k_x` and
+its like, `gamma`, `f_x`, `zeta_x` and mistuning refer to the blade at rest, and dampers stay as they are. These numbers
+need an engine order, which in a pair may then stand beside `omega` or `f`; in a row it also gives the phases, which
+cannot be replaced by others. For `drive.omega` of a scene with an engine order, `"1300 rpm"` is an error: name
 `drive.speed`.
 
 | key | symbol | unit | range | per | default | example | |
@@ -102,13 +116,28 @@ phase = ["0 deg", "90 deg"]
 Keys count them from 0: `drive.harmonic[1].F[3]` is the force of the second harmonic on blade 3. `drive.level`
 multiplies all of them, and is what to sweep in the place of `drive.F_0`.
 
+In the place of `F`, `beta`, `M` and `phase` a harmonic may have complex amplitudes Q, of which the imaginary part of
+Q exp(i n (omega t + phi_i)) acts: `F_x_re` goes with the sine and `F_x_im` with the cosine, and `F_y_re`, `F_y_im`,
+`M_re` and `M_im` alike. Forces along x and y and the moment then each have a phase of their own. What is left out is 0.
+
+A table of the load over one period of omega, as CFD gives it, makes the harmonics by itself:
+
+```toml
+[drive]
+table = "pressure.csv"   # angle [deg], F_x [N], F_y [N], M [N m]: the angle, and one load or more
+harmonics = 3            # of the orders 1 to 3, by least squares
+```
+
+The path counts from the folder of the scene file. The mean of the table becomes the mean load, and `check` tells what
+the harmonics leave out: the RMS of the rest over that of the table about its mean. Results hold the harmonics.
+
 | key | symbol | unit | range | per | default | example | |
 |---|---|---|---|---|---|---|---|
 """
 FOOT = """
 (from the table in `jaxshroud/scene/keys.py` by `python tests/keys.py`)
 """
-OF_HARMONICS = [f"drive.harmonic[1].{name}" for name in HARMONIC_KEYS]
+OF_HARMONICS = [f"drive.harmonic[1].{name}" for name in (*HARMONIC_KEYS, *COMPLEX_KEYS)]
 HARMONIC_ROWS = [ALL_KEYS[name] for name in OF_HARMONICS]
 
 

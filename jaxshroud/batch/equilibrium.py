@@ -84,11 +84,11 @@ def static_equilibria(scenes: Scene) -> Equilibrium:
     several points.
     """
     count, numbers = len(scenes.drive.omega), (3 * scenes.layout.blades) ** 2
-    size = min(max(NUMBERS_AT_ONCE // numbers, 1), 64)
+    size = min(max(NUMBERS_AT_ONCE // numbers, 1), 64) if count > 1 else 1
     scenes = friction_free(without_given(scenes))
     pieces = []
     for begin in range(0, count, size):
-        at = np.minimum(np.arange(begin, begin + min(size, 1 << (count - 1).bit_length())), count - 1)
+        at = np.minimum(np.arange(begin, begin + size), count - 1)
         piece = _least_energy(jax.tree.map(lambda a, at=at: np.asarray(a)[at], scenes))
         pieces.append(jax.tree.map(lambda a, begin=begin: np.asarray(a)[: count - begin], piece))
     return jax.tree.map(lambda *a: np.concatenate(a), *pieces)
@@ -169,22 +169,33 @@ def position_in(
     scenes: Scene, springs: Springs, contact: ContactState, q: FloatArray
 ) -> tuple[FloatArray, RestingContact]:
     """The positions of equilibrium in one state of contact of each lane by Newton's method, and the contact there."""
-    rigid = directions(springs, contact)
-    idle = np.eye(rigid.shape[-1]) * ~rigid.any(axis=1)[:, None, :]
+    rigid = directions(springs, contact) if np.any(contact.case == FLAT) else None
     for _ in range(MOST_UPDATES):
         at = _held_contact(scenes, q, contact)
-        r = unbalanced(springs, at, q)
-        J = _stiffness(springs, at)
-        reduced = np.swapaxes(rigid, 1, 2) @ J @ rigid + idle
-        usable = np.isfinite(reduced).all(axis=(1, 2))
-        reduced = np.where(usable[:, None, None], reduced, np.eye(reduced.shape[-1]))
-        y = np.linalg.solve(reduced, (np.swapaxes(rigid, 1, 2) @ r[..., None]))
-        step = np.where(usable[:, None], (rigid @ y)[..., 0], np.nan).reshape(q.shape)
+        step = _newton_step(springs, at, q, rigid)
         q = q + step
         with np.errstate(invalid="ignore"):
             if not np.any(np.abs(step).max(axis=(1, 2)) > CONVERGED * np.abs(q).max(axis=(1, 2))):
                 break
     return q, _held_contact(scenes, q, contact)
+
+
+def _newton_step(springs: Springs, at: RestingContact, q: FloatArray, rigid: FloatArray | None) -> FloatArray:
+    """The update of the position; `rigid` are the directions of motion where some blocks turn together."""
+    r, K, step = unbalanced(springs, at, q), _stiffness(springs, at), np.zeros((len(q), q[0].size))
+    moves = np.flatnonzero(springs.moves)
+    if rigid is None:
+        K, r = K[:, moves[:, None], moves], r[:, moves]
+    else:
+        idle = np.eye(rigid.shape[-1]) * ~rigid.any(axis=1)[:, None, :]
+        K, r = np.swapaxes(rigid, 1, 2) @ K @ rigid + idle, (np.swapaxes(rigid, 1, 2) @ r[..., None])[..., 0]
+    usable = np.isfinite(K).all(axis=(1, 2))
+    y = np.linalg.solve(np.where(usable[:, None, None], K, np.eye(K.shape[-1])), r[..., None])
+    if rigid is None:
+        step[:, moves] = y[..., 0]
+    else:
+        step = (rigid @ y)[..., 0]
+    return np.where(usable[:, None], step, np.nan).reshape(q.shape)
 
 
 def _held_contact(scenes: Scene, q: FloatArray, contact: ContactState) -> RestingContact:

@@ -86,6 +86,7 @@ class LinearMotion(NamedTuple):
     N_max: Any  # (lanes, interfaces) largest normal and friction force; bounds for several harmonics
     F_max: Any
     v_max: Any  # (lanes, interfaces) largest penetration
+    other_rest: Any  # (lanes, interfaces) the margin of slip with sliders at the rest that is best for it, about [N]
 
 
 def sprung(scenes: Scene) -> Scene:
@@ -134,7 +135,7 @@ def linear_motions(scenes: Scene, held: HeldContact) -> LinearMotion:
 
 def in_pieces(f: Callable[..., Any], trees: tuple[Any, ...], count: int, numbers: int) -> Any:
     """`f` of so many lanes (leading axis), of which those with so many numbers share a program; NumPy arrays."""
-    size = min(max(LANES_AT_ONCE // numbers, 1), 64, 1 << (count - 1).bit_length())
+    size = min(max(LANES_AT_ONCE // numbers, 1), 64) if count > 1 else 1  # two programs in all
     pieces = []
     for begin in range(0, count, size):
         at = np.minimum(np.arange(begin, begin + size), count - 1)
@@ -204,37 +205,61 @@ def _swing(scene: Scene, held: HeldContact) -> tuple[_Forced, Any]:
     springs = jnp.concatenate([b.k_x, b.k_y, b.k_T])
     moves = np.array([scene.parts.has(name, min(i, 1)) for name in COORDINATES for i in range(blades)])
     turning = "theta" in scene.parts.motion
-    size = 3 * blades if turning else (2 if "y" in scene.parts.motion else 1) * blades
-    free = lax.stop_gradient(held.rigid)[:, :size]
-    idle = jnp.diag(1.0 - jnp.max(jnp.abs(free), axis=0))
+    blocks = _Blocks(blades * len(scene.parts.motion), lax.stop_gradient(held.rigid) if turning else None)
     q = lax.stop_gradient(held.q)
     loose = held._replace(mode=jnp.where(held.mode == Mode.STICK, int(PRESSED), held.mode).astype(jnp.int32))
     frictionless = friction_free(scene)
     rest = resting_contact_of(frictionless, q, loose.mode, held.case, held.u_s)
     mean = sines[0].load if 0 in sines else None
     load = jnp.zeros_like(springs) if mean is None else jnp.concatenate([mean(name) for name in COORDINATES])
-    over = lambda a: a @ free
-    reduced = lambda K: free.T @ K @ free
-    static_K = reduced(jnp.diag(springs) + _assembled(rest.load_q, blades))
+    static_K = blocks.reduced(jnp.diag(springs) + _assembled(rest.load_q, blades))
     unbalanced = jnp.where(moves, load - springs * q.ravel() + _gathered(rest.load, blades), 0.0)
-    q = q.ravel() + free @ jnp.linalg.solve(static_K + idle, over(unbalanced))  # no change, but for its derivatives
+    q = q.ravel() + blocks.expanded(jnp.linalg.solve(static_K, blocks.over(unbalanced)), 3 * blades)
     q = q.reshape(3, blades)
     at = resting_contact_of(scene, q, held.mode, held.case, None)
-    K = reduced(jnp.diag(springs) + _assembled(at.load_q, blades)) + idle
-    M, C = reduced(jnp.diag(masses)), reduced(jnp.diag(dampers))
+    K = blocks.reduced(jnp.diag(springs) + _assembled(at.load_q, blades))
+    M, C = blocks.reduced_diagonal(masses), blocks.reduced_diagonal(dampers)
     if scene.is_coupled:
-        C = C + reduced(coupled_damping(scene))
+        C = C + blocks.reduced(coupled_damping(scene))
     waves = {}
     for n, one in sines.items():
         if n == 0:
             continue
         omega = scene.drive.frequency(n)
-        forces = jnp.where(moves, jnp.concatenate([one.load(name) for name in COORDINATES]), 0.0)
-        phase = jnp.tile(one.phase, 3)
-        Q = lax.complex(over(forces * jnp.cos(phase)), over(forces * jnp.sin(phase)))
+        parts = [one.parts(name) for name in COORDINATES]
+        re, im = (jnp.where(moves, jnp.concatenate(part), 0.0) for part in list(zip(*parts, strict=True))[:2])
+        Q = lax.complex(blocks.over(re), blocks.over(im))
         answer = jnp.linalg.solve(lax.complex(K - omega**2 * M, omega * C), Q)
-        waves[n] = lax.complex(free, jnp.zeros_like(free)) @ answer
+        waves[n] = blocks.expanded(answer, 3 * blades)
     return _Forced(q.ravel(), waves), at
+
+
+class _Blocks(NamedTuple):
+    """The directions in which blocks move: the first coordinates, or those of blocks that may turn together."""
+
+    size: int  # of the first coordinates
+    rigid: Any  # (3 blades, 3 blades) as columns; None where the blocks do not turn
+
+    def over(self, a: Any) -> Any:
+        """A vector of forces over the directions."""
+        return a[: self.size] if self.rigid is None else a @ self.rigid
+
+    def reduced(self, K: Any) -> Any:
+        """A matrix over the directions; 1 for one that is none."""
+        if self.rigid is None:
+            return K[: self.size, : self.size]
+        idle = jnp.diag(1.0 - jnp.max(jnp.abs(self.rigid), axis=0))
+        return self.rigid.T @ K @ self.rigid + idle
+
+    def reduced_diagonal(self, numbers: Any) -> Any:
+        """A diagonal matrix over the directions, which are orthogonal."""
+        return jnp.diag(numbers[: self.size] if self.rigid is None else numbers @ self.rigid**2)
+
+    def expanded(self, y: Any, size: int) -> Any:
+        """The displacements of so many coordinates from those along the directions."""
+        if self.rigid is None:
+            return jnp.concatenate([y, jnp.zeros(size - self.size, y.dtype)])
+        return self.rigid.astype(y.dtype) @ y
 
 
 def _assembled(load_q: Any, blades: int) -> Any:
@@ -306,10 +331,16 @@ def _contact_course(scene: Scene, held: HeldContact, at: Any, swing: _Forced, co
     mu = jnp.broadcast_to(jnp.atleast_1d(scene.friction.mu), held.case.shape)[:, None]
     k_d = jnp.broadcast_to(jnp.atleast_1d(scene.friction.k_d), held.case.shape)[:, None]
     rubs = (mu > 0) & (k_d > 0) & (scene.parts.friction != "none")
-    limit = lambda sign: _Forced(
-        mu * N.mean + sign * F.mean, {n: mu * a + sign * F.waves[n] for n, a in N.waves.items()}
-    )
-    slip = jnp.minimum(_least(limit(1.0), count), _least(limit(-1.0), count))
+    times_mu = lambda a: lax.complex(mu * a.real, mu * a.imag)
+
+    def limit(sign: int) -> _Forced:
+        """Mu N + F, or mu N - F."""
+        add = jnp.add if sign > 0 else jnp.subtract
+        return _Forced(add(mu * N.mean, F.mean), {n: add(times_mu(a), F.waves[n]) for n, a in N.waves.items()})
+
+    both_ways = _least(limit(1), count), _least(limit(-1), count)
+    slip = jnp.minimum(*both_ways)
+    other = jnp.min(jnp.where(apart | ~rubs, jnp.inf, (both_ways[0] + both_ways[1]) / 2), axis=-1)
     margins = Margins(
         jnp.min(jnp.where(apart, jnp.inf, _least(N, count)), axis=-1),
         jnp.min(jnp.where(apart | ~rubs, jnp.inf, slip), axis=-1),
@@ -320,7 +351,7 @@ def _contact_course(scene: Scene, held: HeldContact, at: Any, swing: _Forced, co
     F_sum = sums(F)
     F_max = jnp.maximum(largest(F_sum), largest(_negative(F_sum)))
     N_max = jnp.where(apart.all(axis=-1), 0.0, largest(sums(N)))
-    return margins, at.N.sum(axis=-1), N_max, F_max, largest(opening)
+    return margins, at.N.sum(axis=-1), N_max, F_max, largest(opening), other
 
 
 def _negative(a: _Forced) -> _Forced:

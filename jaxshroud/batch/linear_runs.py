@@ -1,18 +1,16 @@
 """Runs of scenes that are asked to stay in one state of contact: their settled motion in closed form, without steps."""
 
-from collections.abc import Callable
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
-import equinox as eqx
 import jax
 import numpy as np
 
-from jaxshroud.batch.linear_motion import LinearMotion, LinearState, held_contact, linear_motions, sprung
+from jaxshroud.batch.linear_motion import LinearMotion, LinearState, held_contact, linear_motions
 from jaxshroud.batch.march_protocol import March
 from jaxshroud.batch.periods import Sample
 from jaxshroud.batch.plan import Plan, Runs, Tick, run_log
-from jaxshroud.batch.states import initial_states
-from jaxshroud.march.accumulator import ContactPeaks, ContactTimes, DisplacementRange, Impacts
+from jaxshroud.batch.states import states_apart
+from jaxshroud.march.accumulator import ContactPeaks, ContactTimes, Counters, DisplacementRange, Impacts, StepExtrema
 from jaxshroud.march.method import Choices
 from jaxshroud.model.arithmetic import ANGLE_RANGE
 from jaxshroud.model.contact_law import ContactLoads
@@ -21,39 +19,49 @@ from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Means, Moments
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import COORDINATES
-from jaxshroud.scene.scene import Scene, without_given
+from jaxshroud.scene.scene import Scene
 
 
-def settled_runs(begin: Callable[[Any, Any, Any], Any]) -> Callable[..., Runs]:
-    """The runs of a march whose lanes `begin` so."""
-
-    def run(march: March, scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: np.ndarray) -> Runs:
-        del march, states, arrived  # a settled motion has no start
-        return _settled(begin, scenes, plan, ticker)
-
-    return run
+class _EndedLog(NamedTuple):
+    v_max: Any
+    counters: Counters
+    within: StepExtrema | None
 
 
-def _settled(begin: Callable[[Any, Any, Any], Any], scenes: Scene, plan: Plan, ticker: Tick) -> Runs:
+class _Ended(NamedTuple):
+    log: _EndedLog
+
+
+class EndedLane(NamedTuple):
+    """What is read of lanes at their end: they were not marched."""
+
+    state: State
+    status: Any
+    accumulator: _Ended
+
+
+def settled_runs(march: March, scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: np.ndarray) -> Runs:
+    """The runs of lanes (leading axis) whose contact stays in one state; a settled motion has no start."""
+    del march, states, arrived
     state = cast(LinearState, scenes.parts.contact)
     motion = linear_motions(scenes, held_contact(scenes, state))
     status = linear_status(motion)
-    own = without_given(sprung(scenes))
-    apart = initial_states(eqx.tree_at(lambda s: s.initial, own, jax.tree.map(np.zeros_like, own.initial)))
-    lanes = begin(own, apart, plan.method)
-    count = len(status)
-    v_max = np.where(status[:, None] == Status.OK, motion.v_max, np.nan)
-    places = lambda lane: [lane.status, lane.accumulator.log.v_max]
-    last = eqx.tree_at(places, lanes, [status, v_max.reshape(np.shape(lanes.accumulator.log.v_max))])
-    if plan.method.within:
-        last = eqx.tree_at(
-            lambda lane: lane.accumulator.log.within.v_max, last, v_max.reshape(np.shape(lanes.accumulator.log.v_max))
-        )
-    ticker(count * (plan.transient + plan.kept))
+    ticker(len(status) * (plan.transient + plan.kept))
     samples = _sample(scenes, motion, state, plan.method)
     samples = jax.tree.map(lambda a: _repeated(a, status, plan.kept), samples)
+    last = _ended(scenes, samples, motion, status, plan.method)
     log = run_log(last)
     return Runs(samples, jax.tree.map(np.zeros_like, log), log, last)
+
+
+def _ended(scenes: Scene, samples: Sample, motion: LinearMotion, status: np.ndarray, method: Choices) -> EndedLane:
+    """The lanes at their end."""
+    v_max = np.where(status[:, None] == Status.OK, motion.v_max, np.nan)
+    nothing = np.zeros(v_max.shape, np.int32)
+    within = StepExtrema(v_max, *[np.full_like(v_max, np.nan)] * 3) if method.within else None
+    log = _EndedLog(v_max, Counters(**dict.fromkeys(Counters.__annotations__, nothing)), within)
+    last = jax.tree.map(lambda a: a[:, -1], samples.motion)
+    return EndedLane(states_apart(scenes, last), status, _Ended(log))
 
 
 def linear_amplitude_values(scenes: Scene, of: str) -> np.ndarray:
@@ -64,12 +72,10 @@ def linear_amplitude_values(scenes: Scene, of: str) -> np.ndarray:
     mean, square, high, low = (
         np.asarray(a)[:, row] for a in (motion.first, motion.second, motion.highest, motion.lowest)
     )
-    sizes = {
-        "mean": mean,
-        "rms": np.sqrt(np.maximum(square - mean**2, 0.0)),
-        "peak": np.maximum(high - mean, mean - low),
-    }
-    return np.where((linear_status(motion) == Status.OK)[:, None], sizes[measure], np.nan)
+    size = mean if measure == "mean" else np.maximum(high - mean, mean - low)
+    if measure == "rms":
+        size = np.sqrt(np.maximum(square - mean**2, 0.0))
+    return np.where((linear_status(motion) == Status.OK)[:, None], size, np.nan)
 
 
 def linear_status(motion: LinearMotion) -> np.ndarray:

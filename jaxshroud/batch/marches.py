@@ -64,8 +64,8 @@ WITHOUT_CONTACT = PAIRS._replace(
     knows=lambda law: law is NoContact,
 )
 # Contact that is asked to stay in one state has a closed form too, of its settled motion.
-LINEAR_PAIRS = PAIRS._replace(run=settled_runs(begin_lanes), trial_size=no_trial, stepping=no_steps)
-LINEAR_ROWS = ROWS._replace(run=settled_runs(begin_rows), trial_size=no_trial, stepping=no_steps)
+LINEAR_PAIRS = PAIRS._replace(run=settled_runs, trial_size=no_trial, stepping=no_steps)
+LINEAR_ROWS = ROWS._replace(run=settled_runs, trial_size=no_trial, stepping=no_steps)
 
 
 def march_of(scenes: Scene) -> March:

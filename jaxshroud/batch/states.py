@@ -33,8 +33,10 @@ def static_states(scenes: Scene) -> State:
     """The states of scenes (leading axis) in their static equilibria; see `Scene.start`."""
     if is_traced(scenes):
         raise InputError("A static start is not found inside JAX's transformations; give a `state` to start from.")
-    at_rest = static_equilibria(scenes).q.astype(scenes.drive.omega.dtype)
-    x, y, theta = np.moveaxis(at_rest, 1, 0)
+    single = not np.ndim(scenes.drive.omega)
+    lanes = jax.tree.map(lambda a: np.asarray(a)[None], scenes) if single else scenes
+    at_rest = static_equilibria(lanes).q.astype(lanes.drive.omega.dtype)
+    x, y, theta = at_rest[0] if single else np.moveaxis(at_rest, 1, 0)
     still = np.zeros_like(x)
     return states_apart(scenes, Motion(x, y, theta, still, still, still))
 

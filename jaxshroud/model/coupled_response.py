@@ -35,8 +35,8 @@ def coupled_response(scene: Scene, omega: Scalar, drive: DriveHarmonic | MeanLoa
 
 
 def _complex_load(scene: Scene, name: str, drive: DriveHarmonic | MeanLoad) -> Complex[Array, "blades"]:
-    load = jnp.where(_moves(scene, name), drive.load(name), 0.0)
-    return lax.complex(load * jnp.cos(drive.phase), load * jnp.sin(drive.phase))
+    load = drive.parts(name, lambda part: jnp.where(_moves(scene, name), part, 0.0))
+    return lax.complex(load.re, load.im)
 
 
 def _moves(scene: Scene, name: str) -> Array:

@@ -8,10 +8,10 @@ import jax.numpy as jnp
 
 from jaxshroud.model.arithmetic import Scalar, of_blade, summed
 from jaxshroud.model.series import Series
-from jaxshroud.scene.drive import Drive
+from jaxshroud.scene.drive import AnyLoad, ComplexLoad, Drive
 from jaxshroud.scene.keys import Motion
 
-Wave = tuple[Any, ...]  # sin(n omega t + phase) for each harmonic n: numbers of one blade, or `Series`
+Wave = tuple[Any, ...]  # sin(n omega t + phase) for each harmonic n, or it and the cosine: of one blade, or `Series`
 Waves = tuple[Wave, Wave]  # of the left and the right blade
 
 
@@ -28,6 +28,50 @@ class HarmonicForce(NamedTuple):
         """The wave from the sine and the cosine of n omega t."""
         return s * self.cos_phase + c * self.sin_phase
 
+    def force(self, name: str, wave: Any) -> Any:
+        """The force along x or y [N], or the moment on theta [N m], at a wave."""
+        return getattr(self, name) * wave
+
+    def power(self, wave: Any, z: Motion) -> Any:
+        """The power on a motion [W]."""
+        return (self.x * z.v_x + self.y * z.v_y + self.theta * z.v_theta) * wave
+
+    @property
+    def loads(self) -> list[Any]:
+        """The amplitudes of all forces and moments."""
+        return [self.x, self.y, self.theta]
+
+
+class ComplexForce(NamedTuple):
+    """The complex amplitudes and the phase of one harmonic of both blades or of one; its wave is sine and cosine."""
+
+    x_re: Any  # [N]: of each blade, a `Pair`, or one blade's, as are the next
+    x_im: Any
+    y_re: Any
+    y_im: Any
+    theta_re: Any  # [N m]
+    theta_im: Any
+    sin_phase: Any
+    cos_phase: Any
+
+    def wave(self, s: Scalar, c: Scalar) -> tuple[Scalar, Scalar]:
+        """The sine and the cosine of n omega t + phase."""
+        return s * self.cos_phase + c * self.sin_phase, c * self.cos_phase - s * self.sin_phase
+
+    def force(self, name: str, wave: Any) -> Any:
+        """The force along x or y [N], or the moment on theta [N m], at a wave."""
+        sine, cosine = wave
+        return getattr(self, f"{name}_re") * sine + getattr(self, f"{name}_im") * cosine
+
+    def power(self, wave: Any, z: Motion) -> Any:
+        """The power on a motion [W]."""
+        return self.force("x", wave) * z.v_x + self.force("y", wave) * z.v_y + self.force("theta", wave) * z.v_theta
+
+    @property
+    def loads(self) -> list[Any]:
+        """The parts of the amplitudes of all forces and moments."""
+        return [self.x_re, self.x_im, self.y_re, self.y_im, self.theta_re, self.theta_im]
+
 
 class Excitation(eqx.Module):
     """The harmonics of a drive by their order n, prepared for stepping: of both blades, as pairs, or of one.
@@ -35,12 +79,12 @@ class Excitation(eqx.Module):
     Methods are of one blade. A `wave` is what a phase gives once for all of its coordinates.
     """
 
-    harmonics: dict[int, HarmonicForce]
+    harmonics: dict[int, HarmonicForce | ComplexForce]
 
     @property
     def loads(self) -> list[Any]:
         """The amplitudes of all forces and moments."""
-        return [load for one in self.harmonics.values() for load in (one.x, one.y, one.theta)]
+        return [load for one in self.harmonics.values() for load in one.loads]
 
     def wave(self, s: Scalar, c: Scalar) -> Wave:
         """The wave at a phase, from its sine and cosine."""
@@ -54,26 +98,27 @@ class Excitation(eqx.Module):
 
     def wave_series(self, wave: Wave, rate: Wave) -> Wave:
         """The power series of the wave in the phase, from the wave and its rate at the start."""
-        return tuple(_sine_series(*start) for start in zip(self.harmonics, wave, rate, strict=True))
+        return tuple(_series_of(*start) for start in zip(self.harmonics, wave, rate, strict=True))
 
     def force(self, name: str, wave: Wave) -> Any:
         """The force along x or y [N], or the moment on theta [N m], at a wave: a number, or a `Series` if it is one."""
-        return summed(getattr(one, name) * w for one, w in zip(self.harmonics.values(), wave, strict=True))
+        return summed(one.force(name, w) for one, w in zip(self.harmonics.values(), wave, strict=True))
 
     def power(self, wave: Wave, z: Motion) -> Any:
         """The power on a motion [W]."""
-        waves = zip(self.harmonics.values(), wave, strict=True)
-        return summed((one.x * z.v_x + one.y * z.v_y + one.theta * z.v_theta) * w for one, w in waves)
+        return summed(one.power(w, z) for one, w in zip(self.harmonics.values(), wave, strict=True))
 
 
 def excitation(drive: Drive) -> Excitation:
     """The drive of a scene, prepared for stepping; fields (blades,)."""
-    return Excitation(
-        {
-            n: HarmonicForce(one.F_x, one.F_y, one.M_0, jnp.sin(one.phase), jnp.cos(one.phase))
-            for n, one in drive.harmonics().items()
-        }
-    )
+    return Excitation({n: _prepared(one) for n, one in drive.harmonics().items()})
+
+
+def _prepared(one: AnyLoad) -> HarmonicForce | ComplexForce:
+    """One harmonic, prepared for stepping."""
+    if isinstance(one, ComplexLoad):
+        return ComplexForce(*one.amplitudes, jnp.sin(one.phase), jnp.cos(one.phase))
+    return HarmonicForce(one.F_x, one.F_y, one.M_0, jnp.sin(one.phase), jnp.cos(one.phase))
 
 
 def drive_waves(s: Scalar, c: Scalar, drive: Excitation) -> Waves:
@@ -112,7 +157,16 @@ def _turned_back(s: Scalar, c: Scalar, quarters: int) -> tuple[Scalar, Scalar]:
 
 
 def _times(n: int, value: Any) -> Any:
+    if isinstance(value, tuple):
+        return tuple(_times(n, one) for one in value)
     return value if n == 1 else n * value
+
+
+def _series_of(n: int, wave: Any, rate: Any) -> Any:
+    """The series of a wave, of one sine or of a sine and a cosine."""
+    if isinstance(wave, tuple):
+        return tuple(_sine_series(n, *start) for start in zip(wave, rate, strict=True))
+    return _sine_series(n, wave, rate)
 
 
 def _sine_series(n: int, value: Scalar, rate: Scalar) -> Series:

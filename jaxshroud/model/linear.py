@@ -14,7 +14,7 @@ from jaxshroud.model.blade import inverse_of, matrix_rows, times_vector
 from jaxshroud.model.coupled_response import coupled_response
 from jaxshroud.model.drive import multiple_angle
 from jaxshroud.model.geometry import gyration
-from jaxshroud.scene.drive import DriveHarmonic, MeanLoad
+from jaxshroud.scene.drive import AnyLoad
 from jaxshroud.scene.fields import PerBlade
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import COORDINATES
@@ -76,7 +76,7 @@ def means_from_static(scene: Scene, means: Any) -> Any:
     return jnp.stack(about_static(means, StaticPosition(*(a[: means.shape[-1]] for a in at))))
 
 
-def _response_to(scene: Scene, order: int, load: DriveHarmonic | MeanLoad) -> Amplitudes:
+def _response_to(scene: Scene, order: int, load: AnyLoad) -> Amplitudes:
     """The steady response of the free blades to one harmonic."""
     if scene.is_coupled:
         return Amplitudes(*coupled_response(scene, scene.drive.frequency(order), load))
@@ -84,7 +84,7 @@ def _response_to(scene: Scene, order: int, load: DriveHarmonic | MeanLoad) -> Am
     return response(scene, scene.drive.frequency(order), load)
 
 
-def _elastic_response(scene: Scene, omega: Scalar, drive: DriveHarmonic | MeanLoad) -> Amplitudes:
+def _elastic_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Amplitudes:
     """The response of the shrouds of elastic blades."""
     assert scene.blade_matrices is not None
     mass, damping, stiffness, shroud = map(matrix_rows, scene.blade_matrices)
@@ -93,35 +93,35 @@ def _elastic_response(scene: Scene, omega: Scalar, drive: DriveHarmonic | MeanLo
         [lax.complex(stiffness[i][j] - mass[i][j] * omega**2, damping[i][j] * omega) for j in size] for i in size
     ]
     rows = [[lax.complex(a, jnp.zeros_like(a)) for a in row] for row in shroud]
-    sine, cosine = jnp.sin(drive.phase), jnp.cos(drive.phase)
     moving = [float(scene.parts.has(name, 0)) for name in COORDINATES]
     loads = [
-        lax.complex(load * cosine * moves, load * sine * moves)
-        for load, moves in zip((drive.F_x, drive.F_y, drive.M_0), moving, strict=True)
+        lax.complex(*(part * moves for part in drive.parts(name)[:2]))
+        for name, moves in zip(COORDINATES, moving, strict=True)
     ]
     forces = times_vector([[row[j] for row in rows] for j in size], loads)
     found = times_vector(rows, times_vector(inverse_of(dynamic), forces))
     return Amplitudes(*(a * moves for a, moves in zip(found, moving, strict=True)))
 
 
-def _steady_response(scene: Scene, omega: Scalar, drive: DriveHarmonic | MeanLoad) -> Amplitudes:
+def _steady_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Amplitudes:
     b, has = scene.mistuned_blades, scene.parts.has
     moves = lambda name: has(name, 0) if scene.row is not None else jnp.array([has(name, 0), has(name, 1)])
 
-    def response(name, load, m, c, k):
-        load = jnp.where(moves(name), load, 0.0)
-        force = lax.complex(load * jnp.cos(drive.phase), load * jnp.sin(drive.phase))
+    def response(name, m, c, k):
+        kept = lambda load: jnp.where(moves(name), load, 0.0)
+        load = drive.parts(name, kept)
+        force = lax.complex(load.re, load.im)
         detuning, loss = k - m * omega**2, c * omega
         stiffness = lax.complex(detuning, loss)
         # driven at its natural frequency, up to the rounding of numbers
         is_undamped = (loss == 0) & (jnp.abs(detuning) <= RESONANCE_ROUNDINGS * jnp.finfo(omega.dtype).eps * k)
-        unbounded = jnp.where(load == 0, 0.0, jnp.inf)
+        unbounded = jnp.where(load.size == 0, 0.0, jnp.inf)
         return jnp.where(is_undamped, unbounded, force / jnp.where(is_undamped, 1.0, stiffness))
 
     return Amplitudes(
-        response("x", drive.F_x, b.m, b.c_x, b.k_x),
-        response("y", drive.F_y, b.inertia_y, b.c_y, b.k_y),
-        response("theta", drive.M_0, b.I, b.c_T, b.k_T),
+        response("x", b.m, b.c_x, b.k_x),
+        response("y", b.inertia_y, b.c_y, b.k_y),
+        response("theta", b.I, b.c_T, b.k_T),
     )
 
 

@@ -2,8 +2,8 @@
 
 Coordinates are q = (x_1, x_2, y_1, y_2, theta_1, theta_2), as in `contact_gradients`; of N blades, those of x of all
 blades, then y, then theta. All interfaces of a row are in the same state of contact. Contact is looked at where it
-begins: the blocks at their unloaded angles, corner at corner, without preload. Blades keep their stiffness at all
-speeds: there is no centrifugal stiffening.
+begins: the blocks at their unloaded angles, corner at corner, without preload. Blades have their stiffness at the
+scene's speed; `growing_modes` has the modes over the speed.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ import numpy as np
 
 from jaxshroud.model.coupling import CouplingMatrices, coupling_matrices
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.drive import DriveHarmonic, MeanLoad
+from jaxshroud.scene.drive import AnyLoad
 from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
@@ -107,9 +107,9 @@ def drive_loads(scene: Scene) -> dict[int, tuple[Any, Any]]:
     return {n: _load(one) for n, one in scene.drive.harmonics().items() if n > 0}
 
 
-def _load(drive: DriveHarmonic | MeanLoad) -> tuple[Any, Any]:
-    size = jnp.concatenate([drive.F_x, drive.F_y, drive.M_0])
-    return size * jnp.tile(jnp.cos(drive.phase), 3), size * jnp.tile(jnp.sin(drive.phase), 3)
+def _load(drive: AnyLoad) -> tuple[Any, Any]:
+    re, im, _ = zip(*map(drive.parts, COORDINATES), strict=True)
+    return jnp.concatenate(re), jnp.concatenate(im)
 
 
 def contact_stiffness(blades: LinearContact, contact: NaturalContact) -> Any:

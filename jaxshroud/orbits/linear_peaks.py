@@ -23,20 +23,21 @@ def linear_peaks(amplitudes: Levels, values: np.ndarray, swept: np.ndarray, layo
         swept: The amplitudes there, (n, blades).
         layout: The layout of the blades.
     """
-    level = lambda at: counted_amplitude(amplitudes(at), layout)
     here = counted_amplitude(swept, layout)
     inner = np.flatnonzero((here[1:-1] > here[:-2]) & (here[1:-1] >= here[2:])) + 1
-    return [_linear_peak(amplitudes, level, values, here, int(i)) for i in inner]
+    return [_linear_peak(amplitudes, layout, values, here, int(i)) for i in inner]
 
 
-def _linear_peak(amplitudes: Levels, level: Levels, values: np.ndarray, here: np.ndarray, i: int) -> Peak:
-    low, high, top = float(values[i - 1]), float(values[i + 1]), float(values[i])
+def _linear_peak(amplitudes: Levels, layout: Layout, values: np.ndarray, here: np.ndarray, i: int) -> Peak:
+    level = lambda at: counted_amplitude(amplitudes(at), layout)
+    fine = values[i - 1 : i + 2]
+    of_blades, place = amplitudes(fine), 1
     for _ in range(ZOOMS):
-        fine = np.linspace(low, high, VALUES)
-        place = int(np.nanargmax(level(fine)))
-        top, low, high = float(fine[place]), float(fine[max(place - 1, 0)]), float(fine[min(place + 1, VALUES - 1)])
-    blades = amplitudes(np.array([top]))[0]
-    size = float(level(np.array([top]))[0])
+        fine = np.linspace(fine[max(place - 1, 0)], fine[min(place + 1, len(fine) - 1)], VALUES)
+        of_blades = amplitudes(fine)
+        place = int(np.nanargmax(counted_amplitude(of_blades, layout)))
+    top, blades = float(fine[place]), of_blades[place]
+    size = float(counted_amplitude(of_blades[place : place + 1], layout)[0])
     ends, reasons = zip(*(_half_power_end(level, values, here, i, top, size, side) for side in (-1, 1)), strict=True)
     reason = next(filter(None, reasons), "")
     first, last = (np.nan, np.nan) if reason else ends

@@ -19,6 +19,7 @@ from jaxshroud.model.modes import WAVE_RESIDUAL, Status
 from jaxshroud.orbits.batched_algorithms import Algorithm, Derivatives
 from jaxshroud.orbits.orbit import PeriodicOrbit, determined
 from jaxshroud.orbits.shooting import state_scales
+from jaxshroud.scene.drive import ComplexLoad
 from jaxshroud.scene.engine_order import order_of_drive
 from jaxshroud.scene.scene import Scene, without_given
 
@@ -68,7 +69,8 @@ def _is_tuned(scene: Scene) -> bool:
     """Whether all blades and all interfaces are alike, but for their phases and their initial motion."""
     plain = without_given(scene)
     alike = lambda a: np.all(np.asarray(a) == np.asarray(a)[..., :1]) if np.ndim(a) else True
-    drive = [(one.F_x, one.F_y, one.M_0) for one in plain.drive.harmonics().values()]
+    loads = lambda one: one.amplitudes if isinstance(one, ComplexLoad) else (one.F_x, one.F_y, one.M_0)
+    drive = [loads(one) for one in plain.drive.harmonics().values()]
     parts = (plain.mistuned_blades, plain.running_shroud.gap, plain.k, plain.contact.width, plain.friction, drive)
     return all(bool(alike(a)) for a in jax.tree.leaves(parts))
 

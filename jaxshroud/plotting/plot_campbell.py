@@ -64,6 +64,9 @@ def campbell_page(ds: xr.Dataset, appearance: Appearance) -> Page[CampbellData]:
 def _top(ds: xr.Dataset) -> float:
     """The end of the axis of frequencies [Hz]: above what engine orders reach, and the families not far from there."""
     reached, frequency = float(ds["engine_order"].max()) * ds.attrs["stop"] / (2 * np.pi), ds["frequency"].to_numpy()
+    if "frequency_at_speed" in ds:
+        curves = ds["frequency_at_speed"].to_numpy()
+        frequency = curves[np.isfinite(curves)]
     return HEADROOM * max(min(reached, frequency.max()), frequency[frequency < NEAR * reached].max(initial=0.0))
 
 
@@ -75,24 +78,43 @@ def _draw_frequencies(panel: Axes, data: CampbellData) -> None:
     labelled: list[float] = []
     for contact, style in data.styles.items():
         families = data.ds.isel(family=np.flatnonzero(data.ds["contact"].to_numpy() == contact))
-        for frequency in families["frequency"].to_numpy():
-            panel.axhline(frequency, **style)
+        _draw_lines(panel, families, style)
         speeds = families["crossing_speed"].to_numpy() * RPM
         excited = families["excited"].to_numpy() if "excited" in families else 1
         family, order = np.nonzero((speeds >= start) & (speeds <= stop) & (excited == 1))
-        at = speeds[family, order], families["frequency"].to_numpy()[family]
+        orders = families["engine_order"].to_numpy()[order]
+        at = speeds[family, order], orders * speeds[family, order] / RPM / (2 * np.pi)
         panel.plot(*at, "o", ms=CROSSING_SIZES[contact], mew=0, color=style["color"], zorder=3)
         _name_families(panel, families, labelled, data.top)
 
 
+def _draw_lines(panel: Axes, families: xr.Dataset, style: Properties) -> None:
+    """Draw the frequencies of families over the speed: curves where they depend on it."""
+    if "frequency_at_speed" not in families:
+        for frequency in families["frequency"].to_numpy():
+            panel.axhline(frequency, **style)
+        return
+    for curve in families["frequency_at_speed"].to_numpy():
+        panel.plot(families["rotor_speed"].to_numpy() * RPM, curve, **style)
+
+
+def _left_ends(families: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Where the line of each family begins: its place on the axis of speeds from 0 to 1, and its frequency."""
+    if "frequency_at_speed" not in families:
+        return np.zeros(families.sizes["family"]), families["frequency"].to_numpy()
+    curves, speeds = families["frequency_at_speed"].to_numpy(), families["rotor_speed"].to_numpy()
+    first = np.isfinite(curves).argmax(axis=1)
+    return (speeds[first] - speeds[0]) / (speeds[-1] - speeds[0]), curves[np.arange(len(curves)), first]
+
+
 def _name_families(panel: Axes, families: xr.Dataset, labelled: list[float], top: float) -> None:
     """Name the lines at their left ends, where there is room; `labelled` has the frequencies named so far."""
-    for name, frequency in zip(families["family"].to_numpy(), families["frequency"].to_numpy(), strict=True):
-        if frequency > top or any(abs(frequency - other) < LABEL_ROOM * top for other in labelled):
+    for name, left, frequency in zip(families["family"].to_numpy(), *_left_ends(families), strict=True):
+        if not frequency <= top or any(abs(frequency - other) < LABEL_ROOM * top for other in labelled):
             continue
         labelled.append(frequency)
         panel.annotate(
-            str(name).replace(", either blade", "").replace(", each blade", ""), (0, frequency), **FAMILY_NAME
+            str(name).replace(", either blade", "").replace(", each blade", ""), (left, frequency), **FAMILY_NAME
         )
 
 

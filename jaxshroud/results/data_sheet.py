@@ -1,5 +1,6 @@
 """The data sheet of a scene as `check` returns it: numbers, natural modes, and where engine orders meet them."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -20,6 +21,32 @@ class Coordinate:
     static: tuple[float, ...]  # displacement under the drive's amplitude as a static load [m or rad]
     amplitude: tuple[float, ...]  # steady, at the drive's frequency [m or rad]
     resonant: tuple[float, ...]  # steady, at the undamped natural frequency [m or rad]; inf without damping
+
+
+@dataclass(frozen=True)
+class SettledMotion:
+    """Whether the settled motion from the static equilibrium is linear: contact then stays in one state."""
+
+    state: str  # apart, stuck, or in contact: throughout, without friction; empty where the motion is marched
+    reason: str  # why it is marched; empty where it is linear
+    exact: bool  # without torsion; with it terms of the order of the angles are neglected, and that the corner changes
+    equilibria: int  # static ones that were found; the motion is about that of least energy
+    N: float = math.nan  # the margins, negative where the state is left: least normal force [N]; inf apart
+    slip: float = math.nan  # least mu N - |F| [N]; inf without friction
+    gap: float = math.nan  # least opening of the faces along their normal [m]; inf in contact
+
+    @property
+    def words(self) -> str:
+        """The judgement in words, with its margins."""
+        margins = [f"N at least {self.N:.4g} N"] if math.isfinite(self.N) else []
+        margins += [f"mu N - |F| at least {self.slip:.4g} N"] if math.isfinite(self.slip) else []
+        margins += [f"the gap at least {self.gap * 1e3:.4g} mm"] if math.isfinite(self.gap) else []
+        number = (
+            "" if self.equilibria == 1 else f"; {self.equilibria} static equilibria, this about that of least energy"
+        )
+        about = "exact without torsion" if self.exact else "neglecting terms of the order of the angles"
+        told = f"linear: {self.state} throughout, {about}" if self.state else f"marched: {self.reason}"
+        return f"{'; '.join([told, *margins])}{number}"
 
 
 @dataclass(frozen=True)
@@ -53,6 +80,7 @@ class DataSheet(PlainResult):
     gammas: tuple[float, ...] = ()  # k / k_x of the blade left of each interface
     closed: bool = False  # the last blade touches the first
     static_gaps: tuple[float, ...] = ()  # under mean loads, at each interface, without contact [m]
+    settled: "SettledMotion | None" = None  # from the static equilibrium; None where it is not judged
     harmonics: tuple[int, ...] = (1,)  # the orders of the drive's harmonics, multiples of its frequency
     flow_modes: "tuple[FlowMode, ...]" = ()  # of a row in a flow, apart
     over_speed: "SpeedLines | None" = None  # where stiffnesses or gaps depend on the speed

@@ -18,6 +18,7 @@ from jaxshroud.scene.file import Axis, SceneFile, table_values
 from jaxshroud.scene.harmonics import flattened, resolve_orders
 from jaxshroud.scene.keys import ALL_KEYS, KEYS, Key, key_in
 from jaxshroud.scene.layout import PAIR, Layout, layout_with
+from jaxshroud.scene.load_table import resolve_table
 from jaxshroud.scene.messages import fail, first_problem, problem_text, toml_text
 from jaxshroud.scene.overrides import axes, axis, check_is_no_speed, override
 from jaxshroud.scene.point_entries import with_place_entries
@@ -175,7 +176,7 @@ def load(source: str | os.PathLike, overrides: Sequence[str] = ()) -> SceneFile:
         text = path.read_text("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         fail(name, f"cannot be read as UTF-8 text: {error}")
-    return _scene_file(_document(text, name), name, overrides)
+    return _scene_file(_document(text, name), name, overrides, path.parent)
 
 
 def parse(text: str, name: str, overrides: Sequence[str] = ()) -> SceneFile:
@@ -192,14 +193,15 @@ def _document(text: str, name: str) -> dict[str, Any]:
         fail(name, f"not valid TOML: {error}")
 
 
-def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str]) -> SceneFile:
-    """The scene file of a TOML document, which is changed in place."""
+def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str], folder: Path | None = None) -> SceneFile:
+    """The scene file of a TOML document, which is changed in place; tables of loads are looked for in a folder."""
     if isinstance(document.get("initial"), str):
         document["initial"] = {"start": document["initial"]}
     original = copy.deepcopy(document) if len(overrides) else {}
     overridden = {override(document, text) for text in sorted(overrides, key=_precedence)}
     row = _validated(ROW_TYPE, document, name, overridden).row
     layout = layout_with(row)
+    told = resolve_table(document, folder or Path(), name, overridden)
     harmonics = resolve_orders(document, name, overridden)
     given = resolve_derived_inputs(document, name, overridden, layout)
     file = _validated(scene_file_type(layout, harmonics), document, name, overridden)
@@ -209,10 +211,12 @@ def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str]) -
     numbers = {f"{table}.{entry}": value for table, part in tables.items() for entry, value in part.items()}
     speed_is_set = any(f"{table}.{entry}" in (*GROWTHS, *UNTWIST) for table, entry in overridden)
     check_speed(numbers, given, layout.blades, "--set" if speed_is_set else name)
-    loaded = SceneFile(name, file.title, tables, file.run, given=given)
+    loaded = SceneFile(name, file.title, tables, file.run, given=given, told={"load table": told} if told else {})
     if len(overrides):
         title = file.title or Path(name).name
-        loaded = replace(loaded, title=retitled(title, loaded.given_tables, _physics_of(original, name), overridden))
+        loaded = replace(
+            loaded, title=retitled(title, loaded.given_tables, _physics_of(original, name, folder), overridden)
+        )
     if file.sweep is None:
         return loaded
     place = f"{'--set' if 'sweep' in dict(overridden) else name}: [sweep]"
@@ -239,9 +243,9 @@ def _validated(kind: Any, document: dict[str, Any], name: str, overridden: set[t
         fail("--set" if by_override else name, message, error_kind)
 
 
-def _physics_of(document: dict[str, Any], name: str) -> dict[str, Any] | None:
+def _physics_of(document: dict[str, Any], name: str, folder: Path | None) -> dict[str, Any] | None:
     """The physics of a TOML document as it is given; None if it is not a valid scene."""
     try:
-        return _scene_file(document, name, ()).given_tables
+        return _scene_file(document, name, (), folder).given_tables
     except SceneError:
         return None

@@ -1,7 +1,7 @@
 """The drive of a scene: its frequency, and its force and moment on each blade by harmonics."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -9,12 +9,32 @@ import jax
 
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.fields import PerBlade, per_blade, scalar
-from jaxshroud.scene.keys import ALL_KEYS, HARMONIC_KEYS, SINGLE_LOADS
+from jaxshroud.scene.keys import ALL_KEYS, COMPLEX_KEYS, OF_HARMONIC, SINGLE_LOADS
 from jaxshroud.scene.laws import Number
 from jaxshroud.scene.valid import check_given, check_numbers
 
 FIELDS_OF_LOADS = {"x": "F_x", "y": "F_y", "theta": "M_0"}  # of the coordinates
 SINGLE_KEYS = tuple(f"drive.{name}" for name in SINGLE_LOADS)
+
+
+KeptLoad = Callable[[Any], Any]
+
+
+def _whole_load(load: Any) -> Any:
+    return load
+
+
+class LoadParts(NamedTuple):
+    """The complex amplitude of a load, by NumPy or JAX."""
+
+    re: Any
+    im: Any
+    size: Any  # 0 where there is no load
+
+
+def _parts_of(load: Any, phase: Any) -> LoadParts:
+    xp = phase.__array_namespace__()
+    return LoadParts(load * xp.cos(phase), load * xp.sin(phase), load)
 
 
 class DriveHarmonic(NamedTuple):
@@ -42,6 +62,61 @@ class DriveHarmonic(NamedTuple):
         """The amplitude of the force along x or y [N], or of the moment on theta [N m]."""
         return getattr(self, FIELDS_OF_LOADS[name])
 
+    def parts(self, name: str, kept: KeptLoad = _whole_load) -> LoadParts:
+        """The complex amplitude of a load, of which `kept` makes what counts."""
+        return _parts_of(kept(self.load(name)), self.phase)
+
+
+class ComplexLoad(NamedTuple):
+    """Loads of each blade by complex amplitudes Q: the imaginary part of Q exp(i (n omega t + phase))."""
+
+    F_x_re: PerBlade  # [N]
+    F_x_im: PerBlade
+    F_y_re: PerBlade
+    F_y_im: PerBlade
+    M_re: PerBlade  # [N m]
+    M_im: PerBlade
+    phase: PerBlade  # [rad]
+
+    @property
+    def amplitudes(self) -> tuple[Any, ...]:
+        """All parts of the amplitudes."""
+        return self[:-1]
+
+    @property
+    def F_x(self) -> Any:
+        """The amplitude of the force along x [N], by NumPy or JAX."""
+        return _modulus(self.F_x_re, self.F_x_im)
+
+    @property
+    def F_y(self) -> Any:
+        """The amplitude of the force along y [N], by NumPy or JAX."""
+        return _modulus(self.F_y_re, self.F_y_im)
+
+    @property
+    def M_0(self) -> Any:
+        """The amplitude of the moment [N m], by NumPy or JAX."""
+        return _modulus(self.M_re, self.M_im)
+
+    def load(self, name: str) -> Any:
+        """The amplitude of the force along x or y [N], or of the moment on theta [N m]."""
+        return getattr(self, FIELDS_OF_LOADS[name])
+
+    def in_phase_and_quadrature(self, name: str) -> tuple[Any, Any]:
+        """The parts of a load that go with the sine and with the cosine of its phase."""
+        stem = FIELDS_OF_LOADS[name].removesuffix("_0")
+        return getattr(self, f"{stem}_re"), getattr(self, f"{stem}_im")
+
+    def parts(self, name: str, kept: KeptLoad = _whole_load) -> LoadParts:
+        """The complex amplitude of a load, of which `kept` makes what counts."""
+        re, im = map(kept, self.in_phase_and_quadrature(name))
+        s, c = (getattr(self.phase.__array_namespace__(), f)(self.phase) for f in ("sin", "cos"))
+        return LoadParts(re * c - im * s, re * s + im * c, _modulus(re, im))
+
+
+def _modulus(re: Any, im: Any) -> Any:
+    return (re**2 + im**2) ** 0.5
+
 
 class MeanLoad(NamedTuple):
     """A constant force and moment of each blade: the harmonic of order 0."""
@@ -58,6 +133,10 @@ class MeanLoad(NamedTuple):
     def load(self, name: str) -> Any:
         """The force along x or y [N], or the moment on theta [N m]."""
         return getattr(self, FIELDS_OF_LOADS[name])
+
+    def parts(self, name: str, kept: KeptLoad = _whole_load) -> LoadParts:
+        """The load as that of a harmonic, of which `kept` makes what counts."""
+        return _parts_of(kept(self.load(name)), self.phase)
 
 
 class Harmonic(eqx.Module):
@@ -79,11 +158,38 @@ class Harmonic(eqx.Module):
         return DriveHarmonic(self.beta, _at_level(level, self.F), _at_level(level, self.M), own)
 
 
+class ComplexHarmonic(eqx.Module):
+    """One harmonic of a drive by complex amplitudes Q: the imaginary part of Q exp(i n (omega t + phi)).
+
+    Forces along x and y and the moment each have a phase of their own: the real part of an amplitude goes with the
+    sine, its imaginary part with the cosine. phi is the phase of the drive itself, of each blade.
+    """
+
+    order: int = eqx.field(static=True)  # n, of which the frequency is n omega
+    F_x_re: PerBlade = eqx.field(converter=per_blade, default=0.0)  # [N]
+    F_x_im: PerBlade = eqx.field(converter=per_blade, default=0.0)
+    F_y_re: PerBlade = eqx.field(converter=per_blade, default=0.0)
+    F_y_im: PerBlade = eqx.field(converter=per_blade, default=0.0)
+    M_re: PerBlade = eqx.field(converter=per_blade, default=0.0)  # [N m]
+    M_im: PerBlade = eqx.field(converter=per_blade, default=0.0)
+
+    @property
+    def amplitudes(self) -> tuple[Any, ...]:
+        """All parts of the amplitudes."""
+        return tuple(getattr(self, name) for name in COMPLEX_KEYS)
+
+    def under(self, phase: Any, level: Any) -> ComplexLoad:
+        """The force and the moment under the phase and the level of the drive, by NumPy or JAX."""
+        loads = (_at_level(level, load) for load in self.amplitudes)
+        return ComplexLoad(*loads, phase if self.order == 1 else self.order * phase)
+
+
 def _at_level(level: Any, load: Any) -> Any:
     return load if level is None else level[..., None] * load
 
 
-Harmonics = dict[int, DriveHarmonic | MeanLoad]  # by order
+AnyLoad = DriveHarmonic | ComplexLoad | MeanLoad
+Harmonics = dict[int, AnyLoad]  # by order
 
 
 class Drive(eqx.Module):
@@ -106,12 +212,14 @@ class Drive(eqx.Module):
     F_x_mean: PerBlade | None = eqx.field(converter=per_blade, default=None, kw_only=True)  # mean load [N]; None: 0
     F_y_mean: PerBlade | None = eqx.field(converter=per_blade, default=None, kw_only=True)  # [N]
     M_mean: PerBlade | None = eqx.field(converter=per_blade, default=None, kw_only=True)  # mean moment [N m]
-    harmonic: tuple[Harmonic, ...] | None = eqx.field(default=None, kw_only=True)  # None: the one of F_0 and M_0
+    harmonic: tuple[Harmonic | ComplexHarmonic, ...] | None = eqx.field(
+        default=None, kw_only=True
+    )  # None: the one of F_0 and M_0
 
     def __check_init__(self):
         listed = () if self.harmonic is None else self.harmonic
-        if not isinstance(listed, tuple) or not all(isinstance(one, Harmonic) for one in listed):
-            raise InputError("`harmonic` must be None or a tuple of `Harmonic`s.")
+        if not isinstance(listed, tuple) or not all(isinstance(one, Harmonic | ComplexHarmonic) for one in listed):
+            raise InputError("`harmonic` must be None or a tuple of `Harmonic`s and `ComplexHarmonic`s.")
         orders = [one.order for one in listed]
         if (
             self.harmonic == ()
@@ -132,9 +240,9 @@ class Drive(eqx.Module):
     def of_harmonics(self) -> dict[str, Any]:
         """The numbers of the harmonics by their names, such as `harmonic[1].F`, without those that are None."""
         named = {
-            f"harmonic[{i}].{name}": getattr(one, name)
+            f"harmonic[{i}].{name}": getattr(one, name, None)
             for i, one in enumerate(self.harmonic or ())
-            for name in HARMONIC_KEYS
+            for name in OF_HARMONIC
         }
         return {name: value for name, value in named.items() if value is not None}
 
@@ -189,8 +297,10 @@ class Drive(eqx.Module):
         loads = lambda drive: [load for one in drive.own_loads() for load in one]
         return eqx.tree_at(loads, self, [load * factor for load in loads(self)])
 
-    def own_loads(self) -> Sequence[tuple[Any, Any]]:
+    def own_loads(self) -> Sequence[tuple[Any, ...]]:
         """The fields of the drive that are amplitudes of a force and of a moment, by harmonics."""
         if self._is_own:
             return [(one.F_0, one.M_0) for one in self.harmonics().values() if isinstance(one, DriveHarmonic)]
-        return [(self.F_0, self.M_0)] if self.harmonic is None else [(one.F, one.M) for one in self.harmonic]
+        if self.harmonic is None:
+            return [(self.F_0, self.M_0)]
+        return [one.amplitudes if isinstance(one, ComplexHarmonic) else (one.F, one.M) for one in self.harmonic]

@@ -7,7 +7,7 @@ from typing import Any
 from jaxshroud.scene.coupling_tables import with_own_tables, with_tables_in_row
 from jaxshroud.scene.keys import SINGLE_LOADS
 from jaxshroud.scene.messages import fail, toml_text
-from jaxshroud.scene.optional import A_HARMONIC, harmonic_count, require_number, split_harmonics
+from jaxshroud.scene.optional import A_HARMONIC, harmonic_count, harmonic_forms, require_number, split_harmonics
 from jaxshroud.scene.point_entries import with_listed_places
 from jaxshroud.scene.speed import depends_on_speed, keys_in
 
@@ -43,8 +43,8 @@ def nested(tables: Mapping[str, Any]) -> dict[str, Any]:
     return {**tables, "drive": {**plain, "harmonic": harmonics}} if harmonics else tables
 
 
-def resolve_orders(document: FileDocument, name: str, overridden: Collection[tuple[str, str]] = ()) -> int:
-    """Replace engine orders of harmonics by their orders, in place; how many harmonics there are.
+def resolve_orders(document: FileDocument, name: str, overridden: Collection[tuple[str, str]] = ()) -> tuple[str, ...]:
+    """Replace engine orders of harmonics by their orders, in place; how each harmonic is given, see `harmonic_forms`.
 
     Where [drive] has no engine order, the greatest common divisor of those of the harmonics becomes it, in rows without
     phases, beside a speed, and where the stiffness or the gap depends on that.
@@ -54,7 +54,7 @@ def resolve_orders(document: FileDocument, name: str, overridden: Collection[tup
     """
     drive = document.get("drive")
     if not isinstance(drive, dict) or not (count := harmonic_count(drive)):
-        return 0
+        return ()
     for entry in SINGLE_LOADS:
         if entry in drive:
             others = [f"drive.{other}" for other in drive if other != entry]
@@ -74,7 +74,7 @@ def resolve_orders(document: FileDocument, name: str, overridden: Collection[tup
     for i, order in enumerate(orders):
         if order in orders[:i] and order is not None:
             fail(name, f"[[drive.harmonic]] {orders.index(order)} and {i} both have order {order}; make one of them")
-    return count
+    return harmonic_forms(drive)
 
 
 def _own_engine_order(drive: FileDocument, i: int, where: str) -> int | None:

@@ -222,6 +222,25 @@ HARMONIC_KEYS = {  # of each table [[drive.harmonic]], by their names in it
         blade_key("harmonic.phase", "rad", ANY, r"\psi_{%s}", "phase", ["0 deg", "90 deg"], default=None),
     )
 }
+COMPLEX_KEYS = {  # of a harmonic by complex amplitudes, in the place of these: the imaginary part of Q exp(i n omega t)
+    f"{load}_{part}": blade_key(
+        f"harmonic.{load}_{part}",
+        unit,
+        ANY,
+        rf"\mathrm{{{part.title()}}}\,{symbol}",
+        f"{words} amplitude, {told}",
+        0.2 if load == "M" else 5.0,
+        f"{words} amplitude {told}",
+        default=0.0,
+    )
+    for load, unit, symbol, words in (
+        ("F_x", "N", "F_{x,%s}", "force"),
+        ("F_y", "N", "F_{y,%s}", "force"),
+        ("M", "N m", "M_{%s}", "moment"),
+    )
+    for part, told in (("re", "with the sine"), ("im", "with the cosine"))
+}
+OF_HARMONIC = {**HARMONIC_KEYS, **COMPLEX_KEYS}
 
 
 PLACE_KEY = scene_key("contact.place", "m", ANY, "s_{%s}", "place", "17.5 mm", "place up the face from its middle")
@@ -260,9 +279,9 @@ def harmonic_key(name: str) -> Key | None:
     """The key of a number of one harmonic, `drive.harmonic[1].F`; None for any other name."""
     table, _, entry = name.partition(".")
     match = HARMONIC_ENTRY.fullmatch(entry)
-    if table != "drive" or match is None or match["name"] not in HARMONIC_KEYS:
+    if table != "drive" or match is None or match["name"] not in OF_HARMONIC:
         return None
-    row, index = HARMONIC_KEYS[match["name"]], match["index"]
+    row, index = OF_HARMONIC[match["name"]], match["index"]
     words = f" of harmonic [{index}]"
     return row._replace(name=name, symbol=row.symbol % index, label=row.label + words, about=row.about + words)
 

@@ -13,7 +13,7 @@ from jaxshroud.scene.checks import KeyNameError, SceneError, did_you_mean, hint
 from jaxshroud.scene.file_rules import NO_STIFFNESS
 from jaxshroud.scene.keys import INPUT_KEYS
 from jaxshroud.scene.layout import PAIR
-from jaxshroud.scene.optional import harmonic_count
+from jaxshroud.scene.optional import harmonic_forms
 from jaxshroud.scene.schema import TABLE_MODELS, Table, table_models
 
 UNKNOWN_KEY = "extra_forbidden"  # the type of this error in pydantic
@@ -84,7 +84,7 @@ def _all_missing(missing: Sequence[ErrorDetails], document: Mapping[str, Any]) -
 def _model_of(table: str, document: Mapping[str, Any]) -> type[Table]:
     """The model of a table, which knows the harmonics of the document."""
     drive = document.get("drive")
-    return table_models(PAIR, harmonic_count(drive) if isinstance(drive, Mapping) else 0)[table]
+    return table_models(PAIR, harmonic_forms(drive) if isinstance(drive, Mapping) else ())[table]
 
 
 def _required_keys(table: str) -> list[str]:

@@ -4,7 +4,15 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from jaxshroud.scene.checks import KeyNameError
-from jaxshroud.scene.keys import AERO_KEYS, ALL_KEYS, HARMONIC_ENTRY, POINT_ENTRY, SINGLE_LOADS, keys_of_table
+from jaxshroud.scene.keys import (
+    AERO_KEYS,
+    ALL_KEYS,
+    COMPLEX_KEYS,
+    HARMONIC_ENTRY,
+    POINT_ENTRY,
+    SINGLE_LOADS,
+    keys_of_table,
+)
 from jaxshroud.scene.point_entries import no_place, place_count
 from jaxshroud.scene.speed import GROWTHS, UNTWIST
 
@@ -20,6 +28,13 @@ def harmonic_count(entries: Iterable[str]) -> int:
     """How many harmonics the entries of a table `drive` have; 0 for a drive without a list of them."""
     matches = [HARMONIC_ENTRY.fullmatch(entry) for entry in entries]
     return 1 + max((int(match["index"]) for match in matches if match), default=-1)
+
+
+def harmonic_forms(entries: Iterable[str]) -> tuple[str, ...]:
+    """How the entries of a table `drive` give each harmonic: by a "force" and its phase, or by "complex" amplitudes."""
+    entries = list(entries)
+    given = [[f"harmonic[{i}].{name}" in entries for name in COMPLEX_KEYS] for i in range(harmonic_count(entries))]
+    return tuple("complex" if any(names) else "force" for names in given)
 
 
 def split_harmonics(entries: Mapping[str, Any]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
@@ -65,6 +80,9 @@ def _absence(name: str, present: Collection[str]) -> str:
     if match is not None and int(match["index"]) >= count:
         has = f"{_in_words(count)}, numbered from 0" if count else "no list of harmonics"
         return f"the scene has no {name}: its drive has {has}; add a table {A_HARMONIC}"
+    if match is not None and (match["name"] in COMPLEX_KEYS or harmonic_forms(drive)[int(match["index"])] == "complex"):
+        other = "F_x_re and its like" if match["name"] not in COMPLEX_KEYS else "F, beta, M and phase"
+        return f"the scene has no {name}: its harmonic [{match['index']}] is given by {other}; name these"
     if entry in SINGLE_LOADS and count:
         one = f"drive.harmonic[0].{entry.removesuffix('_0')}"
         many = "" if entry == "beta" else "drive.level for all of them, or "

@@ -11,7 +11,7 @@ from jaxshroud.cache.programs import is_traced
 from jaxshroud.scene.blades import BladeMatrices, Blades
 from jaxshroud.scene.checks import InputError, type_argument, word_argument
 from jaxshroud.scene.coupling import Aero, Coupling
-from jaxshroud.scene.drive import Drive, Harmonic
+from jaxshroud.scene.drive import ComplexHarmonic, Drive, Harmonic
 from jaxshroud.scene.fields import PerBlade, per_blade, scalar
 from jaxshroud.scene.keys import (
     ALL_KEYS,
@@ -200,7 +200,7 @@ class Scene(eqx.Module):
         if self.is_coupled and self.parts.contact == "none":
             raise InputError(COUPLED_WITHOUT_CONTACT)
         word_argument("start", self.start, Start)
-        if self.start != "motion":
+        if self.start != "motion" or self.parts.contact in SPRUNG[1:]:
             self._require_equilibrium()
         if self.laws is not None and not self.laws.marches_in_rows:
             require_capability(OWN_LAWS, self.layout)
@@ -223,7 +223,9 @@ class Scene(eqx.Module):
         elif self.blades.matrices() is not None:
             what = "blades by matrices"
         if what:
-            raise InputError(f"A static start is one of located contact of lumped blades so far, not with {what}.")
+            raise InputError(
+                f"Static starts and closed forms are of located contact of lumped blades so far, not of {what}."
+            )
 
     def _check_shapes(self) -> None:
         for table, keys in KEYS_BY_TABLE.items():
@@ -372,7 +374,8 @@ def start_entries(start: Start) -> dict[str, str]:
 def _drive_of(entries: Mapping[str, Any]) -> Drive:
     """The drive from the entries of its table, those of its harmonics among them."""
     plain, of = split_harmonics(entries)
-    return Drive(**{**dict.fromkeys(SINGLE_LOADS), **plain}, harmonic=tuple(Harmonic(**one) for one in of) or None)
+    harmonics = tuple((Harmonic if "F" in one else ComplexHarmonic)(**one) for one in of)
+    return Drive(**{**dict.fromkeys(SINGLE_LOADS), **plain}, harmonic=harmonics or None)
 
 
 def _contact_of(tables: Mapping[str, Mapping[str, Any]]) -> Contact:

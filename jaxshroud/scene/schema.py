@@ -39,6 +39,7 @@ from jaxshroud.scene.key import FROM_0, Range
 from jaxshroud.scene.keys import (
     AERO_KEYS,
     ALL_KEYS,
+    COMPLEX_KEYS,
     HARMONIC_KEYS,
     MAX_BLADES,
     MAX_ORDER,
@@ -131,15 +132,16 @@ def _fields(rows: Sequence[Key], layout: Layout) -> dict[str, Any]:
     return {n.parts[1]: (_entry(n, layout), _default(n, layout)) for n in rows}
 
 
-def _drive_table(layout: Layout, harmonics: int) -> type[Table]:
-    """The model of a [drive] with so many harmonics in tables of their own; 0: the only one is its own."""
+def _drive_table(layout: Layout, harmonics: tuple[str, ...]) -> type[Table]:
+    """The model of a [drive] with harmonics in tables of their own, see `harmonic_forms`; none: it has but one."""
     if not harmonics:
         return _number_table("drive", layout)
     order = Annotated[
         int, Field(strict=True, ge=1, le=MAX_ORDER), key("order of the harmonic, a multiple of drive.omega", 2)
     ]
-    rows = [ALL_KEYS[f"drive.harmonic[{i}].{name}"] for i in range(harmonics) for name in HARMONIC_KEYS]
-    orders: dict[str, Any] = {f"harmonic[{i}].order": (order, ...) for i in range(harmonics)}
+    names = [COMPLEX_KEYS if form == "complex" else HARMONIC_KEYS for form in harmonics]
+    rows = [ALL_KEYS[f"drive.harmonic[{i}].{name}"] for i, own in enumerate(names) for name in own]
+    orders: dict[str, Any] = {f"harmonic[{i}].order": (order, ...) for i in range(len(harmonics))}
     return _number_table("drive", layout, SINGLE_LOADS, **orders, **_fields(rows, layout))
 
 
@@ -294,8 +296,8 @@ TITLE = Annotated[str, key("what the scene shows, in one line", "Fig. 9", patter
 
 
 @lru_cache(maxsize=16)
-def table_models(layout: Layout, harmonics: int) -> dict[str, type[Table]]:
-    """The models of all tables of a file whose drive has so many harmonics in tables of their own."""
+def table_models(layout: Layout, harmonics: tuple[str, ...]) -> dict[str, type[Table]]:
+    """The models of all tables of a file whose drive has harmonics in tables of their own, see `harmonic_forms`."""
     return {
         **{table: _number_table(table, layout) for table in ("blades", "shroud")},
         "contact": _number_table("contact", layout, reading=READING, points=POINTS, shares=POINT_SHARES),
@@ -311,7 +313,7 @@ def table_models(layout: Layout, harmonics: int) -> dict[str, type[Table]]:
     }
 
 
-TABLE_MODELS = table_models(PAIR, 0)
+TABLE_MODELS = table_models(PAIR, ())
 PHYSICS_TABLES = tuple(TABLE_MODELS)[:8]
 ROW_TYPE: TypeAdapter[Any] = TypeAdapter(create_model("FileWithRow", row=(RowTable | None, None)))  # of any file
 
@@ -325,7 +327,7 @@ def row_table_of(document: dict[str, Any]) -> RowTable | None:
 
 
 @lru_cache(maxsize=16)
-def scene_file_type(layout: Layout, harmonics: int) -> Any:
+def scene_file_type(layout: Layout, harmonics: tuple[str, ...]) -> Any:
     """The pydantic type of a file."""
     models = table_models(layout, harmonics)
     fields: dict[str, Any] = {

@@ -25,7 +25,7 @@ from jaxshroud.march.method import Choices
 from jaxshroud.model.coupling import SUFFIXES
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.prepared import State
-from jaxshroud.scene.drive import DriveHarmonic, MeanLoad
+from jaxshroud.scene.drive import AnyLoad
 from jaxshroud.scene.scene import Scene
 
 HARMONIC_PERIODS = 16  # over which the first harmonic of an aperiodic motion is taken
@@ -106,7 +106,6 @@ def linear_blades(scenes: Scene, i: int) -> LinearBlades:
     b, drive = scenes.running_blades, jax.tree.map(lambda a: np.asarray(a, float)[i], scenes.drive)
     first, mean = drive.harmonics().get(1), drive.harmonics().get(0)
     stacked = lambda *columns: np.stack([np.asarray(a, float)[i] for a in columns], axis=-1)
-    load = np.zeros((2, 3)) if first is None else _stacked_load(first)
     moves = np.array([[scenes.parts.has(name, blade) for name in ("x", "y", "theta")] for blade in (0, 1)])
     alpha = float(np.asarray(scenes.shroud.alpha)[i])
     return LinearBlades(
@@ -114,8 +113,8 @@ def linear_blades(scenes: Scene, i: int) -> LinearBlades:
         c=stacked(b.c_x, b.c_y, b.c_T),
         k=stacked(b.k_x, b.k_y, b.k_T),
         moves=moves,
-        drive=load * np.exp(1j * (0.0 if first is None else first.phase))[..., None],
-        mean=np.zeros((2, 3)) if mean is None else _stacked_load(mean) * np.sin(mean.phase)[:, None],
+        drive=np.zeros((2, 3), complex) if first is None else _stacked_load(first),
+        mean=np.zeros((2, 3)) if mean is None else _stacked_load(mean).imag,
         omega=float(drive.omega),
         axes=np.array([[np.sin(alpha), -np.cos(alpha)], [np.cos(alpha), np.sin(alpha)]]),
         k_between=_between(scenes, i, "k"),
@@ -129,9 +128,10 @@ def _between(scenes: Scene, i: int, kind: str) -> Float[np.ndarray, "3"]:
     return np.array([0.0 if a is None else float(np.asarray(a)[i]) for a in numbers])
 
 
-def _stacked_load(one: DriveHarmonic | MeanLoad) -> PerCoordinate:
-    """The amplitudes of the load of one harmonic."""
-    return np.stack([one.F_x, one.F_y, one.M_0], axis=-1)
+def _stacked_load(one: AnyLoad) -> ComplexAmplitudes:
+    """The complex amplitudes of the load of one harmonic."""
+    parts = [one.parts(name) for name in ("x", "y", "theta")]
+    return np.stack([one.re + 1j * one.im for one in parts], axis=-1)
 
 
 class HarmonicMotion(NamedTuple):

@@ -13,7 +13,7 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.speed import ORDER, check_speed
 from jaxshroud.scene.typed import FloatArray
 from jaxshroud.scene.vary import numbers_of
-from jaxshroud.verbs.natural_frequencies import RAD_PER_CYCLE, in_float64, modes_in, words_for
+from jaxshroud.verbs.natural_frequencies import RAD_PER_CYCLE, modes_in, system_in_float64, words_for
 
 SHOWN_SPEEDS = 49  # of a range, at which frequencies are told
 
@@ -37,14 +37,16 @@ def lines_of_speeds(
     Raises:
         InputError: A stiffness is negative at the end of the range.
     """
-    blades, growth, speeds = in_float64(system), growth_of(arrays), np.linspace(*ends, SHOWN_SPEEDS)
+    blades, growth = system_in_float64(system), growth_of(arrays)
     _check_end(arrays, ends[1])
     pressed = _pressed(arrays, blades, growth, ends, modes)
+    changes = np.array([end for one in pressed for end in one])
+    speeds = np.unique(np.concatenate([np.linspace(*ends, SHOWN_SPEEDS), changes, np.nextafter(changes, ends[1])]))
     frequencies, crossings = np.empty((len(modes), len(speeds))), np.empty((len(modes), len(orders)))
     for contact in dict.fromkeys(mode.contact for mode in modes):
         told = [i for i, mode in enumerate(modes) if mode.contact == contact]
         every = modes_in(blades, contact, [0 * blades.mass], words_for(arrays))
-        places = [_place(modes[i], every) for i in told]
+        places = [_place_among(modes[i], every) for i in told]
         frequencies[told] = speed_curves(blades, contact, growth, speeds**2)[places] / RAD_PER_CYCLE
         met = [order_crossings(blades, contact, growth, order)[places] for order in orders]
         crossings[told] = np.stack(met, axis=-1)
@@ -54,7 +56,7 @@ def lines_of_speeds(
     return SpeedLines(tuple(map(float, speeds)), listed(frequencies), listed(crossings), tuple(pressed))
 
 
-def _place(mode: NaturalMode, every: Sequence[NaturalMode]) -> int:
+def _place_among(mode: NaturalMode, every: Sequence[NaturalMode]) -> int:
     """The place of a mode that is told among all of its contact, of which it may stand for several."""
     alike = [i for i, other in enumerate(every) if (other.motion, other.frequency) == (mode.motion, mode.frequency)]
     return next((i for i in alike if every[i].blades == mode.blades), alike[0])

@@ -29,6 +29,7 @@ from jaxshroud.verbs.campbell_lines import lines_of_speeds
 from jaxshroud.verbs.doubts import LEAST_DRIVEN, advice_on, doubts_of
 from jaxshroud.verbs.natural_frequencies import RAD_PER_CYCLE, modes_of
 from jaxshroud.verbs.nodal_diameters import flow_modes
+from jaxshroud.verbs.settled import has_settled_motion, settled_motion
 
 USUAL_ORDERS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)  # that are shown beside the scene's own
 MAX_ORDERS = 100
@@ -99,6 +100,7 @@ def check(
         steps=steps_for(scene, 0, "auto", RK4),
         doubts=(),
         slide=float(along.max()),
+        settled=settled_motion(scene) if has_settled_motion(scene) else None,
         modes=modes,
         pressed=_floats(_displaced_by_interference(system, gaps, float(s.alpha))),
         **({} if scene.row is None else _at_interfaces(arrays, k, across / math.sin(s.alpha), along)),

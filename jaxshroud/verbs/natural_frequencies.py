@@ -46,7 +46,7 @@ def modes_of(
         system: The blades and their contact, see `linear_contact`.
         loads: What drives them, see `drive_loads`.
     """
-    blades = in_float64(system)
+    blades = system_in_float64(system)
     driven = [(a.astype(float) + 1j * b.astype(float)) * blades.moves for a, b in loads.values()]
     words = words_for(arrays)
     found = {contact: modes_in(blades, contact, driven, words) for contact in contacts_of(arrays, k)}
@@ -54,7 +54,7 @@ def modes_of(
     return tuple(mode for modes in told for mode in modes)
 
 
-def in_float64(system: LinearContact) -> LinearContact:
+def system_in_float64(system: LinearContact) -> LinearContact:
     """A linear system with its numbers in float64."""
     return jax.tree.map(lambda a: a if a.dtype == bool else a.astype(float), system)
 

@@ -134,6 +134,7 @@ def lines_of(sheet: DataSheet) -> dict[str, str]:
         "speed": _speed_text(sheet),
         "gap": f"{_gap_text(sheet)} mm; the free blades approach by {approach}",
         **({"static gap": f"{_texts_of(sheet.static_gaps, 1e3)} mm under the mean loads"} if sheet.static_gaps else {}),
+        **({"settled motion": sheet.settled.words} if sheet.settled else {}),
         **({"pressed": _pressed_text(lines.pressed)} if (lines := sheet.over_speed) and lines.pressed else {}),
         "inertia": f"{_texts_of(sheet.inertia)} times that of a uniform block",
         "contact": f"gamma = k / k_x = {_texts_of(sheet.gammas) if sheet.gammas else f'{sheet.gamma:.4g}'}",

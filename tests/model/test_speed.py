@@ -147,7 +147,7 @@ def test_two_orders_a_mean_load_and_growth_without_contact_follow_dop853(tmp_pat
 
 @pytest.mark.parametrize("layout", ["pair", "row"])
 def test_every_closed_form_is_that_of_a_scene_at_rest_with_these_numbers(layout):
-    row = ("row.blades=3", "row.mistuning=[0.1, 0.0, -0.1]", "row.closed=true", "drive.phase=0", "blades.B_x=1.3")
+    row = ("row.blades=3", "row.mistuning=[0.1, 0.0, -0.1]", "row.closed=true", "blades.B_x=1.3")
     changes = row if layout == "row" else ()
     scene = scene_of("drive.F_x_mean=2.0", *changes, name="table1" if layout == "row" else "fig16_best")
     plain = at_rest(scene)
@@ -237,3 +237,59 @@ def test_files_give_back_what_they_were_given(tmp_path):
         np.testing.assert_array_equal(a, b)
     faster = js.vary(file.scene, "drive.f", 100.0)
     assert set(faster.given) == {"drive.engine_order", "drive.f"}
+
+
+def growing_pair(*changes):
+    """Faces pressed together at rest that untwist parts at 1,369 rpm."""
+    pressed = ("shroud.gap=-50 um", "shroud.gap_at=10 um", "shroud.gap_at_speed=1500 rpm")
+    return js.load("engine_order", ["blades.B_x=1.1", "blades.B_T=0.4", *pressed, *changes]).scene
+
+
+def test_crossings_are_where_natural_frequencies_at_that_speed_are_multiples_of_it():
+    scene = growing_pair()
+    sheet = js.check(scene, stop=300.0)
+    assert len(sheet.crossings) > 4
+    for crossing in sheet.crossings:
+        there = js.check(js.vary(scene, "drive.speed", crossing.speed), stop=300.0)
+        frequencies = [mode.frequency for mode in there.modes if mode.contact == crossing.contact]
+        met = crossing.engine_order * crossing.speed / (2 * np.pi)
+        assert min(abs(f / met - 1) for f in frequencies) < 1e-12, crossing
+    lines = sheet.over_speed
+    apart = [i for i, mode in enumerate(sheet.modes) if (mode.contact, mode.motion) == ("apart", "x")]
+    # Apart: omega^2 = k / m + B Omega^2, met at Omega^2 = k / m / (e^2 - B); by order 1 never, as 1 <= B.
+    k, m = float(scene.blades.k_x[0]), float(scene.blades.m[0])
+    speeds, curve = np.array(lines.speeds), np.array(lines.frequencies[apart[0]])
+    np.testing.assert_allclose(
+        curve[-9:], np.sqrt(k / m + 1.1 * speeds[-9:] ** 2) / (2 * np.pi), rtol=1e-13
+    )  # fmt: skip
+    for order, speed in zip(sheet.engine_orders, lines.crossings[apart[0]], strict=True):
+        wanted = np.sqrt(k / m / (order**2 - 1.1)) if order > 1 else np.nan
+        ends = lines.pressed[0][1]
+        np.testing.assert_allclose(speed, wanted if wanted > ends else np.nan, rtol=1e-13)
+
+
+def test_lines_in_contact_end_where_untwist_parts_the_faces():
+    sheet = js.check(growing_pair(), stop=300.0)
+    ((start, end),) = sheet.over_speed.pressed
+    assert start == 0.0
+    np.testing.assert_allclose(end, 1500 * np.pi / 30 * np.sqrt(5 / 6), rtol=1e-12)
+    speeds = np.array(sheet.over_speed.speeds)
+    for mode, curve in zip(sheet.modes, sheet.over_speed.frequencies, strict=True):
+        shown = np.isfinite(curve)
+        assert np.array_equal(shown, speeds > end if mode.contact == "apart" else speeds <= end)
+    assert not [one for one in sheet.crossings if (one.contact == "apart") != (one.speed > end)]
+    # A mean force that presses moves the end: N vanishes where the gap is what the springs of that speed close.
+    pushed = growing_pair("drive.F_x_mean=[1.0, -1.0]")
+    end = js.check(pushed, stop=300.0).over_speed.pressed[0][1]
+    at_end = js.vary(pushed, "drive.speed", end)
+    closed = 2.0 / float(at_end.running_blades.k_x[0])
+    np.testing.assert_allclose(at_end.running_shroud.gap, closed, rtol=1e-9)
+    # Faces that nothing presses at any speed keep the lines of a state of contact.
+    open_faces = js.load("engine_order", ["blades.B_x=1.1"]).scene
+    assert js.check(open_faces, stop=300.0).over_speed.pressed == ()
+
+
+def test_a_range_beyond_a_stable_stiffness_is_refused():
+    scene = js.load("engine_order", ["blades.B_x=-3"]).scene
+    with pytest.raises(ValueError, match=r"^blades.B_x = -3 makes k_x negative at 5730 rpm"):
+        js.check(scene, stop=600.0)
