@@ -140,10 +140,10 @@ def works(z: Motion, Q: Waves, lost: Scalar, model: Model) -> Ledger:
     """Rates of the works; `lost` is what contact dissipates."""
     left, right = (blade_works(*of_blade(i, z, Q, model.blades, model.drive)) for i in (0, 1))
     power = left[0] + right[0]
-    viscous = left[1] + right[1]
-    if model.coupling is not None:
-        viscous = viscous + model.coupling.lost(*motions_of_pair(z))
-    return Ledger(power, abs(power), viscous, lost)
+    own = Ledger(power, abs(power), left[1] + right[1], lost)
+    if model.coupling is None:
+        return own
+    return own._replace(viscous=own.viscous + model.coupling.lost(*motions_of_pair(z)))
 
 
 class StateDerivative(NamedTuple):

@@ -8,7 +8,7 @@ from jaxshroud.model.natural_modes import LinearContact
 from jaxshroud.results.data_sheet import FlowMode
 from jaxshroud.scene.typed import FloatArray
 
-ROUNDING = 1e-12  # relative difference of the entries of matrices that count as alike
+SAME_ENTRY = 1e-12  # relative difference of the entries of matrices that count as alike
 
 
 class Oscillators(NamedTuple):
@@ -54,7 +54,7 @@ def flow_modes(blades: LinearContact, flow: FloatArray, closed: bool) -> tuple[F
 
 
 def _is_circulant(matrix: FloatArray) -> bool:
-    return bool(np.allclose(np.roll(matrix, (1, 1), (0, 1)), matrix, ROUNDING, ROUNDING * np.abs(matrix).max()))
+    return bool(np.allclose(np.roll(matrix, (1, 1), (0, 1)), matrix, SAME_ENTRY, SAME_ENTRY * np.abs(matrix).max()))
 
 
 def _of_wave(matrix: FloatArray, h: int) -> np.ndarray:
