@@ -181,7 +181,7 @@ class ComplexHarmonic(eqx.Module):
     def under(self, phase: Any, level: Any) -> ComplexLoad:
         """The force and the moment under the phase and the level of the drive, by NumPy or JAX."""
         loads = (_at_level(level, load) for load in self.amplitudes)
-        return ComplexLoad(*loads, phase if self.order == 1 else self.order * phase)
+        return ComplexLoad(*loads, phase=phase if self.order == 1 else self.order * phase)
 
 
 def _at_level(level: Any, load: Any) -> Any:

@@ -1,12 +1,12 @@
 """The natural frequencies of a scene over its speed, where stiffnesses or the gap depend on that."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from jaxshroud.model.growing_modes import Growth, Pressing, order_crossings, pressed_ranges, speed_curves
-from jaxshroud.model.natural_modes import LinearContact
+from jaxshroud.model.natural_modes import LinearContact, NaturalContact
 from jaxshroud.results.data_sheet import NaturalMode, SpeedLines
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.scene import Scene
@@ -43,7 +43,7 @@ def lines_of_speeds(
     changes = np.array([end for one in pressed for end in one])
     speeds = np.unique(np.concatenate([np.linspace(*ends, SHOWN_SPEEDS), changes, np.nextafter(changes, ends[1])]))
     frequencies, crossings = np.empty((len(modes), len(speeds))), np.empty((len(modes), len(orders)))
-    for contact in dict.fromkeys(mode.contact for mode in modes):
+    for contact in cast(list[NaturalContact], list(dict.fromkeys(mode.contact for mode in modes))):
         told = [i for i, mode in enumerate(modes) if mode.contact == contact]
         every = modes_in(blades, contact, [0 * blades.mass], words_for(arrays))
         places = [_place_among(modes[i], every) for i in told]
@@ -79,7 +79,11 @@ def _pressed(
     s, mean = arrays.shroud, arrays.drive.harmonics().get(0)
     loads = np.zeros(len(blades.mass)) if mean is None else np.concatenate([mean.F_x, mean.F_y, mean.M_0])
     gap = np.atleast_1d(s.gap).astype(float)
-    slope = 0 * gap if s.gap_at is None else (np.atleast_1d(s.gap_at) - gap) / float(s.gap_at_speed) ** 2
+    slope = (
+        0 * gap
+        if s.gap_at is None or s.gap_at_speed is None
+        else (np.atleast_1d(s.gap_at) - gap) / float(s.gap_at_speed) ** 2
+    )
     at_points = len(blades.k) // len(gap)  # of each interface
     by = Pressing(loads, np.repeat(gap, at_points), np.repeat(slope, at_points), float(np.sin(s.alpha)))
     return pressed_ranges(blades, growth, by, *ends)
