@@ -56,9 +56,10 @@ def settled_runs(march: March, scenes: Scene, states: State, plan: Plan, ticker:
 
 def _ended(scenes: Scene, samples: Sample, motion: LinearMotion, status: np.ndarray, method: Choices) -> EndedLane:
     """The lanes at their end."""
-    v_max = np.where(status[:, None] == Status.OK, motion.v_max, np.nan)
-    nothing = np.zeros(v_max.shape, np.int32)
-    within = StepExtrema(v_max, *[np.full_like(v_max, np.nan)] * 3) if method.within else None
+    v_max: Any = np.where(status[:, None] == Status.OK, motion.v_max, np.nan)
+    nothing: Any = np.zeros(v_max.shape, np.int32)
+    unknown: Any = np.full_like(v_max, np.nan)
+    within = StepExtrema(v_max, unknown, unknown, unknown) if method.within else None
     log = _EndedLog(v_max, Counters(**dict.fromkeys(Counters.__annotations__, nothing)), within)
     last = jax.tree.map(lambda a: a[:, -1], samples.motion)
     return EndedLane(states_apart(scenes, last), status, _Ended(log))

@@ -6,7 +6,7 @@ from typing import cast
 import jax
 import numpy as np
 
-from jaxshroud.batch.linear_motion import linear_flow, motions_with_tangents
+from jaxshroud.batch.linear_motion import linear_flow, linear_tangents
 from jaxshroud.batch.linear_runs import linear_status
 from jaxshroud.batch.tangents import direction
 from jaxshroud.batch.xla import one_lane, repeat_lane
@@ -33,7 +33,7 @@ def linear_gradient(scene: Scene, wrt: Sequence[str], of: Quantity, steps: int, 
     """
     lane = one_lane(without_given(scene))
     directions = jax.tree.map(lambda *a: np.stack(a), *(direction(scene, key) for key in wrt))
-    value, by = motions_with_tangents(lane, directions, len(wrt))
+    value, by = linear_tangents(lane, directions, len(wrt))
     status = int(linear_status(value)[0])
     if status != Status.OK:
         raise NumericalError(f"The closed form of contact that stays {scene.parts.contact} does not hold here.")

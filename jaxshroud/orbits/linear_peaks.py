@@ -9,7 +9,10 @@ from jaxshroud.scene.layout import Layout
 from jaxshroud.scene.quantities import counted_amplitude
 from jaxshroud.signals.waves import HALF_POWER
 
-ZOOMS, VALUES = 6, 33  # closer looks at a peak, or at where its amplitude has fallen to half power, and their values
+PEAK_ZOOMS, PEAK_VALUES = (
+    6,
+    33,
+)  # closer looks at a peak, or at where its amplitude has fallen to half power, and their values
 
 Levels = Callable[[np.ndarray], np.ndarray]  # values (n,) -> amplitudes of all blades (n, blades), NaN where none is
 
@@ -32,8 +35,8 @@ def _linear_peak(amplitudes: Levels, layout: Layout, values: np.ndarray, here: n
     level = lambda at: counted_amplitude(amplitudes(at), layout)
     fine = values[i - 1 : i + 2]
     of_blades, place = amplitudes(fine), 1
-    for _ in range(ZOOMS):
-        fine = np.linspace(fine[max(place - 1, 0)], fine[min(place + 1, len(fine) - 1)], VALUES)
+    for _ in range(PEAK_ZOOMS):
+        fine = np.linspace(fine[max(place - 1, 0)], fine[min(place + 1, len(fine) - 1)], PEAK_VALUES)
         of_blades = amplitudes(fine)
         place = int(np.nanargmax(counted_amplitude(of_blades, layout)))
     top, blades = float(fine[place]), of_blades[place]
@@ -55,8 +58,8 @@ def _half_power_end(
     if not np.isfinite(here[end]):
         return np.nan, "contact leaves its state before half power"
     near, far = (top, float(values[end])) if end == i + side else (float(values[end - side]), float(values[end]))
-    for _ in range(ZOOMS):
-        fine = np.linspace(near, far, VALUES)
+    for _ in range(PEAK_ZOOMS):
+        fine = np.linspace(near, far, PEAK_VALUES)
         k = int(np.argmax(~(level(fine) > size * HALF_POWER)))
         near, far = float(fine[max(k - 1, 0)]), float(fine[k])
     return far, ""
