@@ -117,7 +117,7 @@ def _sample(scenes: Scene, motion: LinearMotion, state: LinearState, method: Cho
         extent = DisplacementRange(highest, lowest)
         sample = sample._replace(moments=Moments(in_time(first), in_time(second)), extent=extent)
     if method.ledger:
-        lost = _lost(scenes, motion) * period[:, 0]
+        lost = _power_lost(scenes, motion) * period[:, 0]
         nothing = np.zeros_like(lost)
         works = {"work": lost, "gross": lost, "viscous": lost, "dropped": nothing, "residual": nothing}
         sample = sample._replace(**works, friction=still, switched=still)
@@ -129,7 +129,7 @@ def _sample(scenes: Scene, motion: LinearMotion, state: LinearState, method: Cho
     return sample
 
 
-def _lost(scenes: Scene, motion: LinearMotion) -> np.ndarray:
+def _power_lost(scenes: Scene, motion: LinearMotion) -> np.ndarray:
     """The mean power that the dampers of all blades take, which the drive gives [W], (lanes,)."""
     b = scenes.blades
     dampers = np.stack([np.asarray(a, float) for a in (b.c_x, b.c_y, b.c_T)], axis=1)

@@ -14,10 +14,12 @@ PEAK_ZOOMS, PEAK_VALUES = (
     33,
 )  # closer looks at a peak, or at where its amplitude has fallen to half power, and their values
 
-Levels = Callable[[np.ndarray], np.ndarray]  # values (n,) -> amplitudes of all blades (n, blades), NaN where none is
+AmplitudesAt = Callable[
+    [np.ndarray], np.ndarray
+]  # values (n,) -> amplitudes of all blades (n, blades), NaN where none is
 
 
-def linear_peaks(amplitudes: Levels, values: np.ndarray, swept: np.ndarray, layout: Layout) -> list[Peak]:
+def linear_peaks(amplitudes: AmplitudesAt, values: np.ndarray, swept: np.ndarray, layout: Layout) -> list[Peak]:
     """The peaks between the ends of the values of a sweep.
 
     Args:
@@ -31,7 +33,7 @@ def linear_peaks(amplitudes: Levels, values: np.ndarray, swept: np.ndarray, layo
     return [_linear_peak(amplitudes, layout, values, here, int(i)) for i in inner]
 
 
-def _linear_peak(amplitudes: Levels, layout: Layout, values: np.ndarray, here: np.ndarray, i: int) -> Peak:
+def _linear_peak(amplitudes: AmplitudesAt, layout: Layout, values: np.ndarray, here: np.ndarray, i: int) -> Peak:
     level = lambda at: counted_amplitude(amplitudes(at), layout)
     fine = values[i - 1 : i + 2]
     of_blades, place = amplitudes(fine), 1
@@ -48,7 +50,7 @@ def _linear_peak(amplitudes: Levels, layout: Layout, values: np.ndarray, here: n
 
 
 def _half_power_end(
-    level: Levels, values: np.ndarray, here: np.ndarray, i: int, top: float, size: float, side: int
+    level: AmplitudesAt, values: np.ndarray, here: np.ndarray, i: int, top: float, size: float, side: int
 ) -> tuple[float, str]:
     """Where the amplitude has fallen to half power on a side of a peak; or why there is no such place."""
     beyond = range(i + side, -1 if side < 0 else len(values), side)
