@@ -14,9 +14,7 @@ PEAK_ZOOMS, PEAK_VALUES = (
     33,
 )  # closer looks at a peak, or at where its amplitude has fallen to half power, and their values
 
-AmplitudesAt = Callable[
-    [np.ndarray], np.ndarray
-]  # values (n,) -> amplitudes of all blades (n, blades), NaN where none is
+AmplitudesAt = Callable[[np.ndarray], np.ndarray]  # values (n,) -> those of all blades (n, blades)
 
 
 def linear_peaks(amplitudes: AmplitudesAt, values: np.ndarray, swept: np.ndarray, layout: Layout) -> list[Peak]:
