@@ -23,7 +23,9 @@ MOST_CHANGES = 200  # of states of contact in turn
 CHANGES_AT_ONCE = 24  # of which so many change all that is wrong, then one by one, which ends where faces do not turn
 MOST_UPDATES = 40  # of Newton's method in one state
 CONVERGED = 1e-15  # an update of the position below this times its size ends them
-ROUNDING = 64 * float(np.finfo(float).eps)  # of displacements, and of torques, below which nothing is contradicted
+STATE_ROUNDING = 64 * float(
+    np.finfo(float).eps
+)  # of displacements, and of torques, below which nothing is contradicted
 SAME = 1e-9  # of the largest displacement: equilibria that differ by less are one
 
 
@@ -264,7 +266,7 @@ def passed_on(springs: Springs, contact: ContactState, forces: FloatArray) -> Fl
 
     Of a ring that is flat all round it is that of least norm.
     """
-    flat = np.asarray(contact.case == FLAT)
+    flat = np.equal(contact.case, FLAT)
     torque, passed = forces[:, 2 * springs.blades :], np.zeros(flat.shape)
     for _ in range(2 if springs.closed else 1):
         for j in range(flat.shape[1]):
@@ -277,8 +279,8 @@ def passed_on(springs: Springs, contact: ContactState, forces: FloatArray) -> Fl
 def _corrected(springs: Springs, contact: ContactState, at: RestingContact, q: FloatArray) -> ContactState:
     """The state of contact where the position agrees with it, and what follows from the position elsewhere."""
     size = np.abs(q).max(axis=(1, 2))
-    noise = ROUNDING * size[:, None]
-    is_apart = contact.mode == Mode.APART
+    noise = STATE_ROUNDING * size[:, None]
+    is_apart = np.equal(contact.mode, Mode.APART)
     if at.v.shape[-1] > 1:
         pressed = np.where(is_apart, at.v > noise[..., None], at.v > -noise[..., None])
         return contact._replace(mode=np.where(pressed, PRESSED, Mode.APART).astype(np.int32))
@@ -298,5 +300,5 @@ def _case_of_flat(springs: Springs, contact: ContactState, at: RestingContact, q
     """The case of faces that are flat: still flat, or that of the corner beyond which the resultant would act."""
     passed = passed_on(springs, contact, unbalanced(springs, at, q))
     lower, upper = (at.end_torques[..., i] + passed for i in (0, 1))
-    noise = ROUNDING * np.abs(at.end_torques).max(axis=-1)
+    noise = STATE_ROUNDING * np.abs(at.end_torques).max(axis=-1)
     return np.where(upper > noise, 2, np.where(lower < -noise, 4, FLAT))

@@ -23,6 +23,7 @@ from jaxshroud.batch.equilibrium import (
     springs_of,
     static_equilibria,
 )
+from jaxshroud.batch.steady_numbers import SteadyNumbers, least_value, negative, steady_course, steady_extremes
 from jaxshroud.cache.programs import kept
 from jaxshroud.model.arithmetic import sine_versine
 from jaxshroud.model.coupling import coupled_damping
@@ -37,7 +38,6 @@ from jaxshroud.scene.scene import Scene, without_given
 
 LinearState = Literal["apart", "stuck"]
 SAMPLES = 128  # of the period of the highest harmonic
-EXTREME_UPDATES = 6  # of Newton's method from the sample at which a displacement is largest
 LANES_AT_ONCE = 1 << 20  # numbers of the matrices of lanes that share a program
 
 
@@ -117,7 +117,7 @@ def held_contact(scenes: Scene, state: LinearState) -> HeldContact:
         return HeldContact(q, *apart, directions(springs, apart), np.ones(shape[0], int))
     rest = static_equilibria(scenes)
     lost = np.isnan(rest.q).any(axis=(1, 2))
-    is_open = (rest.contact.mode == Mode.APART).any(axis=-1) | lost[:, None]
+    is_open = np.equal(rest.contact.mode, Mode.APART).any(axis=-1) | lost[:, None]
     turns = "theta" in scenes.parts.motion and not scenes.points
     case = np.where(is_open, FLAT if turns else 4, rest.contact.case).astype(np.int32)
     contact = ContactState(np.full_like(rest.contact.mode, PRESSED), case, np.zeros_like(rest.contact.u_s))
@@ -156,13 +156,6 @@ def linear_motion_tangents(scenes: Scene, held: HeldContact, along: Scene) -> tu
     return jax.vmap(one)(scenes, held, along)
 
 
-class _Forced(NamedTuple):
-    """A number over the period: its mean, and its complex amplitudes by order, Im[a exp(i n omega t)]."""
-
-    mean: Any
-    waves: dict[int, Any]
-
-
 def linear_motion(scene: Scene, held: HeldContact) -> LinearMotion:
     """The motion of one scene in its state of contact; differentiable by the numbers of the scene.
 
@@ -174,14 +167,14 @@ def linear_motion(scene: Scene, held: HeldContact) -> LinearMotion:
     omega, orders = scene.drive.omega, list(swing.waves)
     count = SAMPLES * max(orders, default=1)
     tau = jnp.linspace(0, 2 * jnp.pi, count, endpoint=False, dtype=omega.dtype)
-    q, rate, _ = _course(swing, tau)
+    q, rate, _ = steady_course(swing, tau)
     shape = count, 3, scene.blades.m.shape[-1]
     place = q.reshape(shape)
     x, y, theta = place[:, 0], place[:, 1], place[:, 2]
-    turn = sine_versine(theta)
-    power = blade_mean_square(x, y, *turn, gyration(scene.shroud), static_position(scene))
+    sine, versine = sine_versine(theta)
+    power = blade_mean_square(x, y, sine, versine, gyration(scene.shroud), static_position(scene))
     mean = lambda a: jnp.mean(a, axis=0)
-    highest, lowest = _extremes(swing, tau, q)
+    highest, lowest = steady_extremes(swing, tau, q)
     by_row = lambda a: a.reshape(3, -1)
     forces = _contact_course(scene, held, at, swing, count)
     return LinearMotion(
@@ -197,7 +190,7 @@ def linear_motion(scene: Scene, held: HeldContact) -> LinearMotion:
     )
 
 
-def _swing(scene: Scene, held: HeldContact) -> tuple[_Forced, Any]:
+def _swing(scene: Scene, held: HeldContact) -> tuple[SteadyNumbers, Any]:
     """The displacements (3 blades,) of the motion, and the contact at rest."""
     b, blades, sines = scene.mistuned_blades, scene.blades.m.shape[-1], scene.drive.harmonics()
     masses = jnp.concatenate([b.m, b.inertia_y, b.I])
@@ -231,7 +224,7 @@ def _swing(scene: Scene, held: HeldContact) -> tuple[_Forced, Any]:
         Q = lax.complex(blocks.over(re), blocks.over(im))
         answer = jnp.linalg.solve(lax.complex(K - omega**2 * M, omega * C), Q)
         waves[n] = blocks.expanded(answer, 3 * blades)
-    return _Forced(q.ravel(), waves), at
+    return SteadyNumbers(q.ravel(), waves), at
 
 
 class _Blocks(NamedTuple):
@@ -273,58 +266,13 @@ def _gathered(load: Any, blades: int) -> Any:
     return jnp.zeros(3 * blades, load.dtype).at[coordinates_at(blades, load.shape[0])].add(load)
 
 
-def _course(swing: _Forced, tau: Any) -> tuple[Any, Any, Any]:
-    """The value and its first two derivatives by the phase, (times, ...)."""
-    q, rate, bend = swing.mean + 0.0 * tau[:, None], 0.0 * tau[:, None], 0.0 * tau[:, None]
-    for n, a in swing.waves.items():
-        s, c = jnp.sin(n * tau)[:, None], jnp.cos(n * tau)[:, None]
-        wave, quarter = a.real * s + a.imag * c, a.real * c - a.imag * s
-        q, rate, bend = q + wave, rate + n * quarter, bend - n**2 * wave
-    return q, rate, bend
-
-
-def _extremes(swing: _Forced, tau: Any, q: Any) -> tuple[Any, Any]:
-    """The largest and the smallest values (3 blades,)."""
-    if len(swing.waves) == 1:
-        (size,) = (_length(a) for a in swing.waves.values())
-        return swing.mean + size, swing.mean - size
-    return _turning_value(swing, tau, jnp.argmax(q, axis=0)), _turning_value(swing, tau, jnp.argmin(q, axis=0))
-
-
-def _length(a: Any) -> Any:
-    """The magnitude of complex numbers, whose derivative at 0 is 0."""
-    square = a.real**2 + a.imag**2
-    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
-
-
-def _turning_value(swing: _Forced, tau: Any, node: Any) -> Any:
-    """Each number where its rate vanishes beside the sample `node`."""
-    frozen = jax.tree.map(lax.stop_gradient, swing)
-    at = tau[node]
-
-    def course(swing: _Forced, at: Any) -> tuple[Any, Any, Any]:
-        value, rate, bend = swing.mean, 0.0 * at, 0.0 * at
-        for n, a in swing.waves.items():
-            s, c = jnp.sin(n * at), jnp.cos(n * at)
-            wave, quarter = a.real * s + a.imag * c, a.real * c - a.imag * s
-            value, rate, bend = value + wave, rate + n * quarter, bend - n**2 * wave
-        return value, rate, bend
-
-    step = tau[1]
-    low, high = at - step, at + step
-    for _ in range(EXTREME_UPDATES):
-        _, rate, bend = course(frozen, at)
-        at = jnp.clip(at - rate / jnp.where(bend != 0, bend, jnp.inf), low, high)
-    return course(swing, at)[0]
-
-
-def _contact_course(scene: Scene, held: HeldContact, at: Any, swing: _Forced, count: int) -> tuple[Any, ...]:
+def _contact_course(scene: Scene, held: HeldContact, at: Any, swing: SteadyNumbers, count: int) -> tuple[Any, ...]:
     """The margins, and the forces and penetrations at each interface."""
     places = coordinates_at(scene.blades.m.shape[-1], held.case.shape[0])
 
-    def at_points(mean: Any, by: Any) -> _Forced:
+    def at_points(mean: Any, by: Any) -> SteadyNumbers:
         waves = {n: jnp.einsum("jpk,jk->jp", by.astype(a.dtype), a[places]) for n, a in swing.waves.items()}
-        return _Forced(mean, waves)
+        return SteadyNumbers(mean, waves)
 
     N, F, opening = at_points(at.N, at.N_q), at_points(at.F, at.F_q), at_points(at.open_v, at.open_v_q)
     apart = held.mode == Mode.APART
@@ -333,46 +281,27 @@ def _contact_course(scene: Scene, held: HeldContact, at: Any, swing: _Forced, co
     rubs = (mu > 0) & (k_d > 0) & (scene.parts.friction != "none")
     times_mu = lambda a: lax.complex(mu * a.real, mu * a.imag)
 
-    def limit(sign: int) -> _Forced:
+    def limit(sign: int) -> SteadyNumbers:
         """Mu N + F, or mu N - F."""
         add = jnp.add if sign > 0 else jnp.subtract
-        return _Forced(add(mu * N.mean, F.mean), {n: add(times_mu(a), F.waves[n]) for n, a in N.waves.items()})
+        return SteadyNumbers(add(mu * N.mean, F.mean), {n: add(times_mu(a), F.waves[n]) for n, a in N.waves.items()})
 
-    both_ways = _least(limit(1), count), _least(limit(-1), count)
+    both_ways = least_value(limit(1), count), least_value(limit(-1), count)
     slip = jnp.minimum(*both_ways)
     other = jnp.min(jnp.where(apart | ~rubs, jnp.inf, (both_ways[0] + both_ways[1]) / 2), axis=-1)
     margins = Margins(
-        jnp.min(jnp.where(apart, jnp.inf, _least(N, count)), axis=-1),
+        jnp.min(jnp.where(apart, jnp.inf, least_value(N, count)), axis=-1),
         jnp.min(jnp.where(apart | ~rubs, jnp.inf, slip), axis=-1),
-        jnp.min(jnp.where(apart.all(axis=-1)[:, None], _least(_negative(opening), count), jnp.inf), axis=-1),
+        jnp.min(jnp.where(apart.all(axis=-1)[:, None], least_value(negative(opening), count), jnp.inf), axis=-1),
     )
-    largest = lambda a: jnp.max(-_least(_negative(a), count), axis=-1)
-    sums = lambda a: _Forced(a.mean.sum(axis=-1)[:, None], {n: b.sum(axis=-1)[:, None] for n, b in a.waves.items()})
+    largest = lambda a: jnp.max(-least_value(negative(a), count), axis=-1)
+    sums = lambda a: SteadyNumbers(
+        a.mean.sum(axis=-1)[:, None], {n: b.sum(axis=-1)[:, None] for n, b in a.waves.items()}
+    )
     F_sum = sums(F)
-    F_max = jnp.maximum(largest(F_sum), largest(_negative(F_sum)))
+    F_max = jnp.maximum(largest(F_sum), largest(negative(F_sum)))
     N_max = jnp.where(apart.all(axis=-1), 0.0, largest(sums(N)))
     return margins, at.N.sum(axis=-1), N_max, F_max, largest(opening), other
-
-
-def _negative(a: _Forced) -> _Forced:
-    return _Forced(-a.mean, {n: -wave for n, wave in a.waves.items()})
-
-
-def _least(a: _Forced, count: int) -> Any:
-    """The least value over the period: exact for one harmonic, else a bound from below."""
-    if not a.waves:
-        return a.mean
-    if len(a.waves) == 1:
-        (wave,) = a.waves.values()
-        return a.mean - _length(wave)
-    tau = jnp.linspace(0, 2 * jnp.pi, count, endpoint=False, dtype=a.mean.dtype)
-    phases = {n: (jnp.sin(n * tau), jnp.cos(n * tau)) for n in a.waves}
-    shape = (-1, *[1] * a.mean.ndim)
-    course = sum(
-        w.real * phases[n][0].reshape(shape) + w.imag * phases[n][1].reshape(shape) for n, w in a.waves.items()
-    )
-    bend = sum(n**2 * _length(w) for n, w in a.waves.items())
-    return a.mean + jnp.min(course, axis=0) - bend * (jnp.pi / count) ** 2 / 2
 
 
 class LinearFlow(NamedTuple):
@@ -390,7 +319,7 @@ def linear_flow(motion: LinearMotion, scenes: Scene) -> LinearFlow:
     return LinearFlow(np.asarray(motion.power), means, (by_row(motion.first), by_row(motion.second)))
 
 
-def motions_with_tangents(scenes: Scene, along: Scene, repeats: int) -> tuple[LinearMotion, LinearMotion]:
+def linear_tangents(scenes: Scene, along: Scene, repeats: int) -> tuple[LinearMotion, LinearMotion]:
     """The motions of scenes (leading axis), each so often, and their derivatives along as many directions."""
     own = without_given(sprung(scenes))
     held = held_contact(scenes, scenes.parts.contact)  # pyright: ignore[reportArgumentType]

@@ -56,9 +56,10 @@ def settled_runs(march: March, scenes: Scene, states: State, plan: Plan, ticker:
 
 def _ended(scenes: Scene, samples: Sample, motion: LinearMotion, status: np.ndarray, method: Choices) -> EndedLane:
     """The lanes at their end."""
-    v_max = np.where(status[:, None] == Status.OK, motion.v_max, np.nan)
-    nothing = np.zeros(v_max.shape, np.int32)
-    within = StepExtrema(v_max, *[np.full_like(v_max, np.nan)] * 3) if method.within else None
+    v_max: Any = np.where(status[:, None] == Status.OK, motion.v_max, np.nan)
+    nothing: Any = np.zeros(v_max.shape, np.int32)
+    unknown: Any = np.full_like(v_max, np.nan)
+    within = StepExtrema(v_max, unknown, unknown, unknown) if method.within else None
     log = _EndedLog(v_max, Counters(**dict.fromkeys(Counters.__annotations__, nothing)), within)
     last = jax.tree.map(lambda a: a[:, -1], samples.motion)
     return EndedLane(states_apart(scenes, last), status, _Ended(log))
@@ -116,7 +117,7 @@ def _sample(scenes: Scene, motion: LinearMotion, state: LinearState, method: Cho
         extent = DisplacementRange(highest, lowest)
         sample = sample._replace(moments=Moments(in_time(first), in_time(second)), extent=extent)
     if method.ledger:
-        lost = _lost(scenes, motion) * period[:, 0]
+        lost = _power_lost(scenes, motion) * period[:, 0]
         nothing = np.zeros_like(lost)
         works = {"work": lost, "gross": lost, "viscous": lost, "dropped": nothing, "residual": nothing}
         sample = sample._replace(**works, friction=still, switched=still)
@@ -128,7 +129,7 @@ def _sample(scenes: Scene, motion: LinearMotion, state: LinearState, method: Cho
     return sample
 
 
-def _lost(scenes: Scene, motion: LinearMotion) -> np.ndarray:
+def _power_lost(scenes: Scene, motion: LinearMotion) -> np.ndarray:
     """The mean power that the dampers of all blades take, which the drive gives [W], (lanes,)."""
     b = scenes.blades
     dampers = np.stack([np.asarray(a, float) for a in (b.c_x, b.c_y, b.c_T)], axis=1)

@@ -18,7 +18,7 @@ from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene
 
-CORNERS = 2, 4  # cases in which the upper and the lower corners meet
+CASES_OF_CORNERS = 2, 4  # cases in which the upper and the lower corners meet
 
 
 class RestingContact(NamedTuple):
@@ -152,7 +152,7 @@ def _open_corners(q: Any, state: State, model: Model) -> Any:
         at = contact_kinematics(place, state.case, model.block, model.reading)
         assert isinstance(at, FaceKinematics)
         return jnp.stack([own.v for own in at.points])
-    return jnp.stack([contact_kinematics(place, case, model.block, model.reading).v for case in CORNERS])
+    return jnp.stack([contact_kinematics(place, case, model.block, model.reading).v for case in CASES_OF_CORNERS])
 
 
 def _resting_state(q: Any, state: State, model: Model) -> State:

@@ -6,7 +6,7 @@ from typing import cast
 import jax
 import numpy as np
 
-from jaxshroud.batch.linear_motion import linear_flow, motions_with_tangents
+from jaxshroud.batch.linear_motion import linear_flow, linear_tangents
 from jaxshroud.batch.linear_runs import linear_status
 from jaxshroud.batch.tangents import direction
 from jaxshroud.batch.xla import one_lane, repeat_lane
@@ -33,7 +33,7 @@ def linear_gradient(scene: Scene, wrt: Sequence[str], of: Quantity, steps: int, 
     """
     lane = one_lane(without_given(scene))
     directions = jax.tree.map(lambda *a: np.stack(a), *(direction(scene, key) for key in wrt))
-    value, by = motions_with_tangents(lane, directions, len(wrt))
+    value, by = linear_tangents(lane, directions, len(wrt))
     status = int(linear_status(value)[0])
     if status != Status.OK:
         raise NumericalError(f"The closed form of contact that stays {scene.parts.contact} does not hold here.")
@@ -43,12 +43,12 @@ def linear_gradient(scene: Scene, wrt: Sequence[str], of: Quantity, steps: int, 
     amplitude = amplitude_of(of)
     both = {}
     if amplitude is None:
-        found = _power_slopes(cast(Power, of), scenes, directions, flow, flow_by)
+        found = _linear_power_slopes(cast(Power, of), scenes, directions, flow, flow_by)
         if is_reduction(of):
             both = {"P_d": cycle.P_d, "P_d_vibration": cycle.P_d_vibration}
     else:
         row, counts = amplitude.row, scene.layout.counting
-        levels = _amplitudes(amplitude.measure, value, by, row)
+        levels = _linear_levels(amplitude.measure, value, by, row)
         found = largest_level(
             [(float(level), slope) for level, slope in zip(levels[0][counts], levels[1][counts], strict=True)],
             "blades tie",
@@ -58,7 +58,7 @@ def linear_gradient(scene: Scene, wrt: Sequence[str], of: Quantity, steps: int, 
     return PowerGradient("periodic", found.slope, zeros, found.level, 0.0, cycle, 0.0, 0.0, flags, **both)
 
 
-def _power_slopes(of: Power, scenes: Scene, directions: Scene, flow, flow_by) -> AmplitudeSlope:
+def _linear_power_slopes(of: Power, scenes: Scene, directions: Scene, flow, flow_by) -> AmplitudeSlope:
     """A power and its derivatives along the directions."""
     squares, by = flow.power, flow_by.power
     if of == "P_d_vibration":
@@ -71,7 +71,7 @@ def _power_slopes(of: Power, scenes: Scene, directions: Scene, flow, flow_by) ->
     return AmplitudeSlope(float(level), slope)
 
 
-def _amplitudes(measure: str, value, by, row: int) -> tuple[np.ndarray, np.ndarray]:
+def _linear_levels(measure: str, value, by, row: int) -> tuple[np.ndarray, np.ndarray]:
     """The amplitudes of the blades (blades,), and their derivatives (blades, directions)."""
     number = lambda name: (np.asarray(getattr(value, name))[0, row], np.asarray(getattr(by, name))[:, row].T)
     (mean, mean_by), (square, square_by) = number("first"), number("second")

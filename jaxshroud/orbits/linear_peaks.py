@@ -9,12 +9,15 @@ from jaxshroud.scene.layout import Layout
 from jaxshroud.scene.quantities import counted_amplitude
 from jaxshroud.signals.waves import HALF_POWER
 
-ZOOMS, VALUES = 6, 33  # closer looks at a peak, or at where its amplitude has fallen to half power, and their values
+PEAK_ZOOMS, PEAK_VALUES = (
+    6,
+    33,
+)  # closer looks at a peak, or at where its amplitude has fallen to half power, and their values
 
-Levels = Callable[[np.ndarray], np.ndarray]  # values (n,) -> amplitudes of all blades (n, blades), NaN where none is
+AmplitudesAt = Callable[[np.ndarray], np.ndarray]  # values (n,) -> those of all blades (n, blades)
 
 
-def linear_peaks(amplitudes: Levels, values: np.ndarray, swept: np.ndarray, layout: Layout) -> list[Peak]:
+def linear_peaks(amplitudes: AmplitudesAt, values: np.ndarray, swept: np.ndarray, layout: Layout) -> list[Peak]:
     """The peaks between the ends of the values of a sweep.
 
     Args:
@@ -28,12 +31,12 @@ def linear_peaks(amplitudes: Levels, values: np.ndarray, swept: np.ndarray, layo
     return [_linear_peak(amplitudes, layout, values, here, int(i)) for i in inner]
 
 
-def _linear_peak(amplitudes: Levels, layout: Layout, values: np.ndarray, here: np.ndarray, i: int) -> Peak:
+def _linear_peak(amplitudes: AmplitudesAt, layout: Layout, values: np.ndarray, here: np.ndarray, i: int) -> Peak:
     level = lambda at: counted_amplitude(amplitudes(at), layout)
     fine = values[i - 1 : i + 2]
     of_blades, place = amplitudes(fine), 1
-    for _ in range(ZOOMS):
-        fine = np.linspace(fine[max(place - 1, 0)], fine[min(place + 1, len(fine) - 1)], VALUES)
+    for _ in range(PEAK_ZOOMS):
+        fine = np.linspace(fine[max(place - 1, 0)], fine[min(place + 1, len(fine) - 1)], PEAK_VALUES)
         of_blades = amplitudes(fine)
         place = int(np.nanargmax(counted_amplitude(of_blades, layout)))
     top, blades = float(fine[place]), of_blades[place]
@@ -45,7 +48,7 @@ def _linear_peak(amplitudes: Levels, layout: Layout, values: np.ndarray, here: n
 
 
 def _half_power_end(
-    level: Levels, values: np.ndarray, here: np.ndarray, i: int, top: float, size: float, side: int
+    level: AmplitudesAt, values: np.ndarray, here: np.ndarray, i: int, top: float, size: float, side: int
 ) -> tuple[float, str]:
     """Where the amplitude has fallen to half power on a side of a peak; or why there is no such place."""
     beyond = range(i + side, -1 if side < 0 else len(values), side)
@@ -55,8 +58,8 @@ def _half_power_end(
     if not np.isfinite(here[end]):
         return np.nan, "contact leaves its state before half power"
     near, far = (top, float(values[end])) if end == i + side else (float(values[end - side]), float(values[end]))
-    for _ in range(ZOOMS):
-        fine = np.linspace(near, far, VALUES)
+    for _ in range(PEAK_ZOOMS):
+        fine = np.linspace(near, far, PEAK_VALUES)
         k = int(np.argmax(~(level(fine) > size * HALF_POWER)))
         near, far = float(fine[max(k - 1, 0)]), float(fine[k])
     return far, ""

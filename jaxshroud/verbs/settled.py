@@ -33,7 +33,7 @@ def settled_motion(scene: Scene) -> SettledMotion:
         return SettledMotion("", none, exact, equilibria)
     state: LinearState = "apart" if is_apart.all() else "stuck"
     motion = linear_motions(lanes, held_contact(lanes, state))
-    return _judged(state, motion, rest, exact, _rubs(scene))
+    return _judgement(state, motion, rest, exact, _rubs(scene))
 
 
 def _rubs(scene: Scene) -> bool:
@@ -42,7 +42,7 @@ def _rubs(scene: Scene) -> bool:
     return scene.parts.friction != "none" and bool(np.all([np.any(np.asarray(a) > 0) for a in numbers]))
 
 
-def _judged(state: LinearState, motion: LinearMotion, rest: Equilibrium, exact: bool, rubs: bool) -> SettledMotion:
+def _judgement(state: LinearState, motion: LinearMotion, rest: Equilibrium, exact: bool, rubs: bool) -> SettledMotion:
     least = {name: float(np.min(a)) for name, a in motion.margins._asdict().items()}
     name = "in contact" if state == "stuck" and not rubs else state
     holds = linear_status(motion)[0] == Status.OK
