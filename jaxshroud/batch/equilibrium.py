@@ -189,9 +189,9 @@ def _newton_step(springs: Springs, at: RestingContact, q: FloatArray, rigid: Flo
     if rigid is None:
         K, r = K[:, moves[:, None], moves], r[:, moves]
     else:
-        idle = np.eye(rigid.shape[-1]) * ~rigid.any(axis=1)[:, None, :]
+        idle = np.eye(rigid.shape[-1]) * ~np.any(rigid, axis=1)[:, None, :]
         K, r = np.swapaxes(rigid, 1, 2) @ K @ rigid + idle, (np.swapaxes(rigid, 1, 2) @ r[..., None])[..., 0]
-    usable = np.isfinite(K).all(axis=(1, 2))
+    usable = np.all(np.isfinite(K), axis=(1, 2))
     y = np.linalg.solve(np.where(usable[:, None, None], K, np.eye(K.shape[-1])), r[..., None])
     if rigid is None:
         step[:, moves] = y[..., 0]

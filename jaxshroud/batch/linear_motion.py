@@ -116,7 +116,7 @@ def held_contact(scenes: Scene, state: LinearState) -> HeldContact:
         q, _ = position_in(scenes, springs, apart, np.zeros((shape[0], 3, layout.blades)))
         return HeldContact(q, *apart, directions(springs, apart), np.ones(shape[0], int))
     rest = static_equilibria(scenes)
-    lost = np.isnan(rest.q).any(axis=(1, 2))
+    lost = np.any(np.isnan(rest.q), axis=(1, 2))
     is_open = np.equal(rest.contact.mode, Mode.APART).any(axis=-1) | lost[:, None]
     turns = "theta" in scenes.parts.motion and not scenes.points
     case = np.where(is_open, FLAT if turns else 4, rest.contact.case).astype(np.int32)

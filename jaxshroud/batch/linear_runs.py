@@ -60,7 +60,8 @@ def _ended(scenes: Scene, samples: Sample, motion: LinearMotion, status: np.ndar
     nothing: Any = np.zeros(v_max.shape, np.int32)
     unknown: Any = np.full_like(v_max, np.nan)
     within = StepExtrema(v_max, unknown, unknown, unknown) if method.within else None
-    log = _EndedLog(v_max, Counters(**dict.fromkeys(Counters.__annotations__, nothing)), within)
+    counts: dict[str, Any] = dict.fromkeys(Counters.__annotations__, nothing)
+    log = _EndedLog(v_max, Counters(**counts), within)
     last = jax.tree.map(lambda a: a[:, -1], samples.motion)
     return EndedLane(states_apart(scenes, last), status, _Ended(log))
 

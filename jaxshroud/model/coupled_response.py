@@ -9,14 +9,14 @@ from jaxtyping import Array, Complex
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.blade import inverse_of, matrix_rows, times_vector
 from jaxshroud.model.coupling import coupling_matrices
-from jaxshroud.scene.drive import DriveHarmonic, MeanLoad
+from jaxshroud.scene.drive import AnyLoad
 from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene
 
 OfCoordinates = tuple[Complex[Array, "blades"], Complex[Array, "blades"], Complex[Array, "blades"]]
 
 
-def coupled_response(scene: Scene, omega: Scalar, drive: DriveHarmonic | MeanLoad) -> OfCoordinates:
+def coupled_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> OfCoordinates:
     """The complex amplitudes of x, y and theta of all blades under one harmonic.
 
     They are infinite or not a number where an undamped row is driven at a natural frequency.
@@ -34,7 +34,7 @@ def coupled_response(scene: Scene, omega: Scalar, drive: DriveHarmonic | MeanLoa
     return _of_elastic_blades(scene, omega, dynamic, force)
 
 
-def _complex_load(scene: Scene, name: str, drive: DriveHarmonic | MeanLoad) -> Complex[Array, "blades"]:
+def _complex_load(scene: Scene, name: str, drive: AnyLoad) -> Complex[Array, "blades"]:
     load = drive.parts(name, lambda part: jnp.where(_moves(scene, name), part, 0.0))
     return lax.complex(load.re, load.im)
 

@@ -18,7 +18,7 @@ from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene
 
-CASES_OF_CORNERS = 2, 4  # cases in which the upper and the lower corners meet
+CASES_OF_CORNERS: tuple[Any, ...] = 2, 4  # cases in which the upper and the lower corners meet
 
 
 class RestingContact(NamedTuple):

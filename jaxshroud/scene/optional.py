@@ -80,7 +80,9 @@ def _absence(name: str, present: Collection[str]) -> str:
     if match is not None and int(match["index"]) >= count:
         has = f"{_in_words(count)}, numbered from 0" if count else "no list of harmonics"
         return f"the scene has no {name}: its drive has {has}; add a table {A_HARMONIC}"
-    if match is not None and (match["name"] in COMPLEX_KEYS or harmonic_forms(entries)[int(match["index"])] == "complex"):
+    if match is not None and (
+        match["name"] in COMPLEX_KEYS or harmonic_forms(entries)[int(match["index"])] == "complex"
+    ):
         other = "F_x_re and its like" if match["name"] not in COMPLEX_KEYS else "F, beta, M and phase"
         return f"the scene has no {name}: its harmonic [{match['index']}] is given by {other}; name these"
     if entry in SINGLE_LOADS and count:

@@ -114,7 +114,7 @@ def linear_blades(scenes: Scene, i: int) -> LinearBlades:
         k=stacked(b.k_x, b.k_y, b.k_T),
         moves=moves,
         drive=np.zeros((2, 3), complex) if first is None else _stacked_load(first),
-        mean=np.zeros((2, 3)) if mean is None else _stacked_load(mean).imag,
+        mean=np.zeros((2, 3)) if mean is None else np.imag(_stacked_load(mean)),
         omega=float(drive.omega),
         axes=np.array([[np.sin(alpha), -np.cos(alpha)], [np.cos(alpha), np.sin(alpha)]]),
         k_between=_between(scenes, i, "k"),

@@ -1,7 +1,7 @@
 """Scenes whose contact is asked to stay in one state: their settled motion is linear, and in closed form."""
 
 from dataclasses import replace
-from typing import TypeVar
+from typing import overload
 
 from jaxshroud.batch.linear_motion import LinearState
 from jaxshroud.scene.checks import InputError, word_argument
@@ -10,10 +10,12 @@ from jaxshroud.scene.layout import SPRUNG
 from jaxshroud.scene.other_parts import with_parts
 from jaxshroud.scene.scene import Scene
 
-AnyScene = TypeVar("AnyScene", Scene, SceneFile)
 
-
-def in_state(scene: AnyScene, state: LinearState | None) -> AnyScene:
+@overload
+def in_state(scene: SceneFile, state: LinearState | None) -> SceneFile: ...
+@overload
+def in_state(scene: Scene | SceneFile, state: LinearState | None) -> Scene | SceneFile: ...
+def in_state(scene: Scene | SceneFile, state: LinearState | None) -> Scene | SceneFile:
     """The scene with contact that stays in a state; as it is where none is asked for.
 
     Raises:

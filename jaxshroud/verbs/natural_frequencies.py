@@ -49,9 +49,10 @@ def modes_of(
     blades = system_in_float64(system)
     driven = [(a.astype(float) + 1j * b.astype(float)) * blades.moves for a, b in loads.values()]
     words = words_for(arrays)
-    found = {contact: modes_in(blades, contact, driven, words) for contact in contacts_of(arrays, k)}
-    told = [words.told_once(modes, contact, len(blades.mass) // 3) for contact, modes in found.items()]
-    return tuple(mode for modes in told for mode in modes)
+    count, told = len(blades.mass) // 3, []
+    for contact in contacts_of(arrays, k):
+        told += words.told_once(modes_in(blades, contact, driven, words), contact, count)
+    return tuple(told)
 
 
 def system_in_float64(system: LinearContact) -> LinearContact:

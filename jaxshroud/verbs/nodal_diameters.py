@@ -72,7 +72,7 @@ def roots_of(system: Oscillators) -> tuple[np.ndarray, np.ndarray]:
         ]
     )
     roots, shapes = np.linalg.eig(companion)
-    turning = np.argsort(-roots.imag)[:n]
+    turning = np.argsort(-np.imag(roots))[:n]
     turning = turning[np.argsort(np.abs(roots[turning]))]
     return roots[turning], shapes[:n, turning]
 
