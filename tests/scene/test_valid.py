@@ -12,6 +12,7 @@ import jaxshroud as js
 from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.checks import SceneError
 from jaxshroud.scene.config import parse
+from jaxshroud.scene.coupling import Coupling
 from jaxshroud.scene.keys import SCENE_KEYS, Motion
 from jaxshroud.scene.scene import Contact, Drive, Friction, Scene, Shroud
 from jaxshroud.scene.vary import vary
@@ -23,6 +24,7 @@ MAKE = {
     "contact": lambda **n: Contact(**{**dict(k=None if "gamma" in n else 1e5, gamma=None), **n}),
     "friction": lambda **n: Friction(**{**dict(k_d=1e6, mu=0.5), **n}),
     "drive": lambda **n: Drive(**{**dict(omega=536.0, beta=0.5, F_0=60.0, M_0=100.0, phase=(0.0, 3.0)), **n}),
+    "coupling": Coupling,
     "initial": lambda **n: scene(initial=Motion(**{**dict.fromkeys(Motion._fields, 0.0), **n})),
 }
 
