@@ -46,7 +46,7 @@ def scene(table1):
 
 @pytest.fixture(scope="module")
 def sides(scene):
-    return exact.Sides(*(float(value) for value in vars(scene.shroud).values()))
+    return exact.Sides(*(float(value) for value in vars(scene.shroud).values() if value is not None))
 
 
 @pytest.fixture(scope="module")

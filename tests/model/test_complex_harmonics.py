@@ -71,7 +71,7 @@ def test_closed_forms_are_alike():
 def test_an_elliptic_force_has_a_phase_for_each_coordinate():
     # The imaginary part of Q exp(i omega t) along y is a cosine: x and y of the free blades differ by a quarter turn.
     scene = js.vary(file_with(ELLIPTIC).scene, "drive.phase", [0.0, 0.4])
-    b, omega = scene.blades, float(scene.drive.omega)
+    b, omega = jax.tree.map(np.asarray, scene.blades), float(scene.drive.omega)
     free = steady_amplitudes(scene)[1]
     turn = np.exp(1j * np.array([0.0, 0.4]))
     x = 30.0 * turn / (b.k_x - b.m * omega**2 + 1j * omega * b.c_x)

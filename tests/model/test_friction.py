@@ -43,7 +43,7 @@ def led(model: Model, motions: Motion) -> tuple[jax.Array, jax.Array]:
 def rubbed(scene, N: float) -> tuple[np.ndarray, np.ndarray]:
     """Force and slide over one cycle, after a first one, of the left block led up and down the right one's face."""
     ready = as_pairs(prepared_model(vary(vary(vary(scene, "contact.k", K), "friction.k_d", K_D), "friction.mu", MU)))
-    sides = exact.Sides(*(float(value) for value in vars(scene.shroud).values()))
+    sides = exact.Sides(*(float(value) for value in vars(scene.shroud).values() if value is not None))
     way = np.concatenate([np.arange(STEPS), np.arange(STEPS, -STEPS, -1), np.arange(-STEPS, 0)])
     u = AMPLITUDE / STEPS * np.tile(way, 2)
     ahead = np.sign(np.roll(u, -1) - u)

@@ -1,12 +1,12 @@
-"""Do marches under several orders, mean loads and speed agree with independent ones? python tests/studies/loads.py
+"""Do marches under several orders, mean loads and speed agree with independent ones? python tests/studies/load_cases.py
 
 Random pairs and rows, every other one of light blocks, feel two to four harmonics, mean loads, stiffnesses that grow
 with the speed and a gap that changes with it. They are marched here and by the plain integrator of `row_reference`, to
 which the loads are added below and the numbers at speed are given. What is told of each: the largest difference of
 states at the ends of periods, over the largest size of each quantity; how far a nudge of 1e-12 of the start moves
 the plain integrator; and whether all counts of events are equal. A scene in which the plain integrator gives up, as
-where faces lie flat on each other, is set aside. `loads.npz` has what that finds, `--anew` lets it find it again;
-`loads.json` has the comparison. `--pairs` and `--rows` say how many of each.
+where faces lie flat on each other, is set aside. `load_cases.npz` has what that finds, `--anew` lets it find it again;
+`load_cases.json` has the comparison. `--pairs` and `--rows` say how many of each.
 """
 
 import argparse
