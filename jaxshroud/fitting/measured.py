@@ -24,7 +24,6 @@ from jaxshroud.cache.programs import kept
 from jaxshroud.march.method import Choices
 from jaxshroud.orbits.orbit import PeriodicOrbit
 from jaxshroud.orbits.shooting import moved_start
-from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.measurements import MEASURES, Channel, Kind, Measurements
 from jaxshroud.scene.scene import Scene, without_given
 
@@ -160,7 +159,7 @@ def _amplitudes_of_alike(orbits: Sequence[PeriodicOrbit], keys: Sequence[str]) -
     problems = [TangentProblem(orbit.scene, orbit.start, directions) for orbit in orbits]
     scenes, states = jax.tree.map(lambda *a: np.concatenate(a), *(problem.duals for problem in problems))
     motions = motions_with_tangents(scenes, states, schedule)
-    by_orbit = jax.tree.map(lambda a: a.reshape(len(orbits), PAIR.state_size + len(keys), *a.shape[1:]), motions)
+    by_orbit = jax.tree.map(lambda a: a.reshape(len(orbits), -1, *a.shape[1:]), motions)
     moved = [_moved_along(orbit, jax.tree.map(lambda a, i=i: a[i], by_orbit)) for i, orbit in enumerate(orbits)]
     interval = [math.tau / float(orbit.scene.drive.omega) / steps for orbit in orbits]
     values, slopes = _amplitudes_and_slopes(*(np.stack(a) for a in zip(*moved, strict=True)), np.array(interval))
@@ -169,9 +168,10 @@ def _amplitudes_of_alike(orbits: Sequence[PeriodicOrbit], keys: Sequence[str]) -
 
 def _moved_along(orbit: PeriodicOrbit, motions: SampledMotions) -> tuple[np.ndarray, ...]:
     """The samples of an orbit (place and rate), and their derivatives (keys, samples, 6) where it stays closed."""
-    by_start, by_number = np.split(motions.end_by, [PAIR.state_size])
+    size = orbit.scene.state_size
+    by_start, by_number = np.split(motions.end_by, [size])
     shift = moved_start(by_start.T, by_number.T, orbit.slider_is_free)
-    along = lambda by: by[PAIR.state_size :] + np.einsum("zk,znc->knc", shift, by[: PAIR.state_size])
+    along = lambda by: by[size:] + np.einsum("zk,znc->knc", shift, by[:size])
     return motions.place[0], motions.rate[0], along(motions.place_by), along(motions.rate_by)
 
 

@@ -287,8 +287,8 @@ class Scene(eqx.Module):
         s = self.shroud
         if s.gap_at is None:
             return s
-        square = self._speed_square[(..., *(None for _ in self.layout.interface_shape))]
-        gap = untwisted_gap(s.gap, s.gap_at, s.gap_at_speed, square)
+        share = (self._speed_square / s.gap_at_speed**2)[(..., *(None for _ in self.layout.interface_shape))]
+        gap = untwisted_gap(s.gap, s.gap_at, share)
         return Shroud(s.alpha, s.l_oa, s.l_ab, gap)
 
     @property

@@ -40,9 +40,9 @@ def grown(k: Any, B: Any, mass: Any, square: Any) -> Any:
     return k if B is None else k + B * mass * square
 
 
-def untwisted_gap(gap: Any, at: Any, at_speed: Any, square: Any) -> Any:
-    """The gap [m] at the square of a speed, by the one `at` the speed `at_speed`."""
-    return gap + (at - gap) * (square / at_speed**2)
+def untwisted_gap(gap: Any, at: Any, share: Any) -> Any:
+    """The gap [m] by the one `at` another speed, of whose square the square of the speed is a share."""
+    return gap + (at - gap) * share
 
 
 def without_zeros(entries: Mapping[str, Any]) -> dict[str, Any]:
