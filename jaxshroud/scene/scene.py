@@ -285,7 +285,7 @@ class Scene(eqx.Module):
     def running_shroud(self) -> Shroud:
         """The shroud with the gap that it has at the scene's speed."""
         s = self.shroud
-        if s.gap_at is None:
+        if s.gap_at is None or s.gap_at_speed is None:
             return s
         share = (self._speed_square / s.gap_at_speed**2)[(..., *(None for _ in self.layout.interface_shape))]
         gap = untwisted_gap(s.gap, s.gap_at, share)
