@@ -5,7 +5,8 @@ finds the position, and then put right where the position contradicts them, unti
 states, which may end in different equilibria.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -85,13 +86,21 @@ def static_equilibria(scenes: Scene) -> Equilibrium:
     Friction is left out: there is none where a slider is set down at rest. Contact is the spring's, of corners or of
     several points.
     """
+    return in_pieces(_least_energy, (friction_free(without_given(scenes)),), NUMBERS_AT_ONCE)
+
+
+def in_pieces(f: Callable[..., Any], trees: tuple[Any, ...], at_once: int) -> Any:
+    """`f` of lanes (leading axis), of which those with so many numbers of matrices share a program; NumPy arrays.
+
+    The first of the `trees` are the scenes of the lanes.
+    """
+    scenes: Scene = trees[0]
     count, numbers = len(scenes.drive.omega), (3 * scenes.layout.blades) ** 2
-    size = min(max(NUMBERS_AT_ONCE // numbers, 1), 64) if count > 1 else 1
-    scenes = friction_free(without_given(scenes))
+    size = min(max(at_once // numbers, 1), 64) if count > 1 else 1  # two programs in all
     pieces = []
     for begin in range(0, count, size):
         at = np.minimum(np.arange(begin, begin + size), count - 1)
-        piece = _least_energy(jax.tree.map(lambda a, at=at: np.asarray(a)[at], scenes))
+        piece = f(*jax.tree.map(lambda a, at=at: np.asarray(a)[at], trees))
         pieces.append(jax.tree.map(lambda a, begin=begin: np.asarray(a)[: count - begin], piece))
     return jax.tree.map(lambda *a: np.concatenate(a), *pieces)
 

@@ -5,7 +5,6 @@ the static equilibrium, with the sliders where they are put down there. Without 
 neglects terms of the order of the angles, and that contact moves from corner to corner.
 """
 
-from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 import jax
@@ -19,6 +18,7 @@ from jaxshroud.batch.equilibrium import (
     coordinates_at,
     directions,
     friction_free,
+    in_pieces,
     position_in,
     springs_of,
     static_equilibria,
@@ -38,7 +38,7 @@ from jaxshroud.scene.scene import Scene, without_given
 
 LinearState = Literal["apart", "stuck"]
 SAMPLES = 128  # of the period of the highest harmonic
-LANES_AT_ONCE = 1 << 20  # numbers of the matrices of lanes that share a program
+NUMBERS_OF_MOTIONS = 1 << 20  # numbers of the matrices of lanes that share a program
 
 
 class HeldContact(NamedTuple):
@@ -129,19 +129,7 @@ def held_contact(scenes: Scene, state: LinearState) -> HeldContact:
 def linear_motions(scenes: Scene, held: HeldContact) -> LinearMotion:
     """The motions of scenes (leading axis) in a state of contact."""
     scenes = without_given(sprung(scenes))
-    count, numbers = len(scenes.drive.omega), (3 * scenes.layout.blades) ** 2
-    return in_pieces(_linear_motions, (scenes, held), count, numbers)
-
-
-def in_pieces(f: Callable[..., Any], trees: tuple[Any, ...], count: int, numbers: int) -> Any:
-    """`f` of so many lanes (leading axis), of which those with so many numbers share a program; NumPy arrays."""
-    size = min(max(LANES_AT_ONCE // numbers, 1), 64) if count > 1 else 1  # two programs in all
-    pieces = []
-    for begin in range(0, count, size):
-        at = np.minimum(np.arange(begin, begin + size), count - 1)
-        piece = f(*jax.tree.map(lambda a, at=at: np.asarray(a)[at], trees))
-        pieces.append(jax.tree.map(lambda a, begin=begin: np.asarray(a)[: count - begin], piece))
-    return jax.tree.map(lambda *a: np.concatenate(a), *pieces)
+    return in_pieces(_linear_motions, (scenes, held), NUMBERS_OF_MOTIONS)
 
 
 @kept()
@@ -167,7 +155,7 @@ def linear_motion(scene: Scene, held: HeldContact) -> LinearMotion:
     omega, orders = scene.drive.omega, list(swing.waves)
     count = SAMPLES * max(orders, default=1)
     tau = jnp.linspace(0, 2 * jnp.pi, count, endpoint=False, dtype=omega.dtype)
-    q, rate, _ = steady_course(swing, tau)
+    q, rate, _ = steady_course(swing, tau[:, None])
     shape = count, 3, scene.blades.m.shape[-1]
     place = q.reshape(shape)
     x, y, theta = place[:, 0], place[:, 1], place[:, 2]
@@ -325,5 +313,4 @@ def linear_tangents(scenes: Scene, along: Scene, repeats: int) -> tuple[LinearMo
     held = held_contact(scenes, scenes.parts.contact)  # pyright: ignore[reportArgumentType]
     own, held = jax.tree.map(lambda a: np.repeat(np.asarray(a), repeats, axis=0), (own, held))
     along = jax.tree.unflatten(jax.tree.structure(own), jax.tree.leaves(along))
-    count, numbers = len(own.drive.omega), (3 * own.layout.blades) ** 2
-    return in_pieces(linear_motion_tangents, (own, held, along), count, numbers)
+    return in_pieces(linear_motion_tangents, (own, held, along), NUMBERS_OF_MOTIONS)

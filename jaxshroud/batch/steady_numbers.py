@@ -17,10 +17,10 @@ class SteadyNumbers(NamedTuple):
 
 
 def steady_course(swing: SteadyNumbers, tau: Any) -> tuple[Any, Any, Any]:
-    """The value and its first two derivatives by the phase, (times, ...)."""
-    q, rate, bend = swing.mean + 0.0 * tau[:, None], 0.0 * tau[:, None], 0.0 * tau[:, None]
+    """The value and its first two derivatives by the phase, at phases `tau` that broadcast against the numbers."""
+    q, rate, bend = swing.mean + 0.0 * tau, 0.0 * tau, 0.0 * tau
     for n, a in swing.waves.items():
-        s, c = jnp.sin(n * tau)[:, None], jnp.cos(n * tau)[:, None]
+        s, c = jnp.sin(n * tau), jnp.cos(n * tau)
         wave, quarter = a.real * s + a.imag * c, a.real * c - a.imag * s
         q, rate, bend = q + wave, rate + n * quarter, bend - n**2 * wave
     return q, rate, bend
@@ -45,20 +45,12 @@ def _turning_value(swing: SteadyNumbers, tau: Any, node: Any) -> Any:
     frozen = jax.tree.map(lax.stop_gradient, swing)
     at = tau[node]
 
-    def course(swing: SteadyNumbers, at: Any) -> tuple[Any, Any, Any]:
-        value, rate, bend = swing.mean, 0.0 * at, 0.0 * at
-        for n, a in swing.waves.items():
-            s, c = jnp.sin(n * at), jnp.cos(n * at)
-            wave, quarter = a.real * s + a.imag * c, a.real * c - a.imag * s
-            value, rate, bend = value + wave, rate + n * quarter, bend - n**2 * wave
-        return value, rate, bend
-
     step = tau[1]
     low, high = at - step, at + step
     for _ in range(EXTREME_UPDATES):
-        _, rate, bend = course(frozen, at)
+        _, rate, bend = steady_course(frozen, at)
         at = jnp.clip(at - rate / jnp.where(bend != 0, bend, jnp.inf), low, high)
-    return course(swing, at)[0]
+    return steady_course(swing, at)[0]
 
 
 def negative(a: SteadyNumbers) -> SteadyNumbers:

@@ -218,9 +218,13 @@ def couplings_of_pairs(row: Scene) -> tuple[Coupling, Aero]:
 
 def coupled_damping(scene: Scene) -> Any:
     """The damping between the blades of a scene over all coordinates, (3 N, 3 N)."""
-    damping = coupling_matrices(scene).damping
-    count = damping.shape[-1]
-    return jnp.einsum("aij,ab->aibj", damping, jnp.eye(3, dtype=damping.dtype)).reshape(3 * count, 3 * count)
+    return over_coordinates(coupling_matrices(scene).damping)
+
+
+def over_coordinates(each: Any) -> Any:
+    """Matrices between blades along x, y and theta, (3, N, N), as one over all coordinates, (3 N, 3 N)."""
+    count = each.shape[-1]
+    return jnp.einsum("aij,ab->aibj", each, jnp.eye(3, dtype=each.dtype)).reshape(3 * count, 3 * count)
 
 
 def static_coupling(scene: Scene, j: Any) -> tuple[Any, Any]:

@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.model.coupling import CouplingMatrices, coupling_matrices
+from jaxshroud.model.coupling import CouplingMatrices, coupling_matrices, over_coordinates
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.drive import AnyLoad
 from jaxshroud.scene.layout import COORDINATES
@@ -90,10 +90,7 @@ def linear_contact(scene: Scene, gradients: Any) -> LinearContact:
 
 def _coupled(scene: Scene) -> CouplingMatrices:
     """The matrices between blades over all coordinates."""
-    blocks = lambda each: jnp.einsum("aij,ab->aibj", each, jnp.eye(3, dtype=each.dtype)).reshape(
-        2 * (3 * each.shape[1],)
-    )
-    return CouplingMatrices(*map(blocks, coupling_matrices(scene)))
+    return CouplingMatrices(*map(over_coordinates, coupling_matrices(scene)))
 
 
 def _at_interface(gradient: Any, j: int, count: int) -> Any:
