@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple, cast
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.linear_motion import LinearMotion, LinearState, held_contact, linear_motions
@@ -57,7 +58,7 @@ def settled_runs(march: March, scenes: Scene, states: State, plan: Plan, ticker:
 def _ended(scenes: Scene, samples: Sample, motion: LinearMotion, status: np.ndarray, method: Choices) -> EndedLane:
     """The lanes at their end."""
     v_max: Any = np.where(status[:, None] == Status.OK, motion.v_max, np.nan)
-    nothing: Any = np.zeros(v_max.shape, np.int32)
+    nothing = jnp.zeros(v_max.shape, jnp.int32)
     unknown: Any = np.full_like(v_max, np.nan)
     within = StepExtrema(v_max, unknown, unknown, unknown) if method.within else None
     counts: dict[str, Any] = dict.fromkeys(Counters.__annotations__, nothing)

@@ -107,10 +107,8 @@ def end_torques_under(
     return torques_along_face(model.mobility.joint * (left - right), loaded.forces, at, state, model)
 
 
-def blade_mean_square(
-    x: Scalar, y: Scalar, sine: Scalar, versine: Scalar, gyration: Scalar, static: StaticPosition | None
-) -> Scalar:
-    """The square displacement averaged over a block: x^2 + y^2 + 4 (J_A/A) sin^2(theta/2) [m^2].
+def blade_mean_square(x: Any, y: Any, sine: Any, versine: Any, gyration: Scalar, static: StaticPosition | None) -> Any:
+    """The square displacement averaged over a block: x^2 + y^2 + 4 (J_A/A) sin^2(theta/2) [m^2]; arrays in its shape.
 
     With mean loads it is that from the static position of this blade.
 

@@ -105,7 +105,7 @@ def check(
         pressed=_floats(_displaced_by_interference(system, gaps, float(s.alpha))),
         **({} if scene.row is None else _at_interfaces(arrays, k, across / math.sin(s.alpha), along)),
         **({"flow_modes": _modes_in_flow(arrays, system)} if scene.aero.exists else {}),
-        **_over_speed(scene, arrays, system, modes, engine_orders, (start, stop)),
+        **_over_speed(scene, arrays, system, modes, engine_orders, (float(start), stop)),
     )
     return replace(sheet, doubts=tuple(doubts_of(sheet, scene)), advice=tuple(advice_on(sheet, scene)))
 
@@ -113,7 +113,7 @@ def check(
 def _at_interfaces(arrays: Scene, k: np.ndarray, approach: np.ndarray, slide: np.ndarray) -> dict[str, Any]:
     """The fields of the data sheet on each interface of a row."""
     assert arrays.row is not None
-    numbers = {"gaps": arrays.running_shroud.gap, "approaches": approach, "slides": slide}
+    numbers = {"gaps": np.asarray(arrays.running_shroud.gap), "approaches": approach, "slides": slide}
     return {
         **{name: _floats(a) for name, a in numbers.items()},
         "gammas": _floats(k / arrays.blades.k_x[: len(k)]),
@@ -138,7 +138,7 @@ def _over_speed(
     system: LinearContact,
     modes: Sequence[NaturalMode],
     given: Sequence[float | int] | None,
-    ends: tuple[float, float | None],
+    ends: tuple[float, float | int | None],
 ) -> dict[str, Any]:
     """The fields of the data sheet on engine orders, from the arguments of `check`."""
     start, stop = ends
