@@ -142,7 +142,7 @@ def _next_sample(
         trials = trials + running(values(lanes), stop).astype(jnp.int32)
         return advance(lanes, fixed, method, each, values), trials
 
-    several = stage_groups(method, values(fixed).model.law.is_long) is not None
+    several = stage_groups(method, values(fixed).model.law) is not None
     return repeated_while(lambda pair: jnp.any(running(values(pair[0]), stop)), once, (lanes, trials), several)
 
 

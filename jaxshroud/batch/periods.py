@@ -36,7 +36,7 @@ def whole_tree(lanes: Tree) -> Tree:
 
 def advance(lanes: LaneTree, fixed: LaneTree, method: Choices, each: EachLane, lane_of: LaneSelector = whole_tree):
     """Make one trial step of every running lane: by one kernel, or by several for the trial and for the update."""
-    stepper, groups = stepper_for(method), stage_groups(method, lane_of(fixed).model.law.is_long)
+    stepper, groups = stepper_for(method), stage_groups(method, lane_of(fixed).model.law)
 
     def whole(lanes: LaneTree, fixed: LaneTree, each: EachLane, groups: StageGroups) -> LaneTree:
         trials = stepper.trial(lanes, fixed, method, each, groups)
@@ -64,7 +64,7 @@ def march(
     once = jax.jit(lambda lanes: advance(lanes, fixed, method, each, lane_of))  # traced once
     if most_trials is not None:
         return lax.fori_loop(0, most_trials, lambda _, lanes: once(lanes), lanes)
-    several = stage_groups(method, lane_of(fixed).model.law.is_long) is not None
+    several = stage_groups(method, lane_of(fixed).model.law) is not None
     return repeated_trials(once, lanes, lane_of(fixed).stop, several, lane_of, passes)
 
 

@@ -268,7 +268,7 @@ class _SampledTrial(NamedTuple):
 def _event_trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choices, each: EachLane):
     """The next trials that ended a step or at an event; those after the last of the steps `left` are idle."""
     models, period = jax.vmap(lambda scene: (prepared_model(scene), scene.drive.period))(scenes)
-    grids, groups = clock.grids(period), stage_groups(method, models.law.is_long) or ()
+    grids, groups = clock.grids(period), stage_groups(method, models.law) or ()
     end_of_trial = lambda lanes, fixed: stepper_for(method).trial(lanes, fixed, method, each, groups)
 
     def one(carry, _):

@@ -30,6 +30,7 @@ from jaxshroud.march.carry import EachLane
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import StageGroups, stepper_for
 from jaxshroud.model.arithmetic import Scalar
+from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.scene.typed import Tree
 
 WIDE_VECTORS = {"xla_cpu_prefer_vector_width": 512}  # the widest registers, where the CPU has them
@@ -230,15 +231,17 @@ def _probe_function(lane: Any) -> dict[str, Any]:
     return {"state": (x, v), "count": n, "held": held, "passed": passed, "done": n > 6}
 
 
-def stage_groups(method: Choices, long_law: bool) -> StageGroups | None:
+def stage_groups(method: Choices, law: ContactLaw) -> StageGroups | None:
     """The stages after which a trial is split into kernels; None where trial and update are one kernel together."""
     if stepper_for(method).large_kernels:
         return ()
     size = len(method.rk.b)
+    if law.fills_kernels:
+        return tuple(range(1, size))
     if size <= STAGES_WITH_EVENTS and not method.derivative:
         return () if method.has_long_accumulator else None
     at_once = DUAL_STAGES if method.derivative else STAGES_AT_ONCE
-    at_once = int(at_once * LONG_LAW_STAGE_SHARE) if long_law else at_once
+    at_once = int(at_once * LONG_LAW_STAGE_SHARE) if law.is_long else at_once
     return tuple(range(at_once, size, at_once))
 
 

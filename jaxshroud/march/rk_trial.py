@@ -89,7 +89,7 @@ def rk_trials(
 
 
 def update_after_rk(lanes: LaneTree, ends: LaneTree, fixed: LaneTree, method: Choices, each: EachLane) -> LaneTree:
-    """`Stepper.update`. With derivatives, and with long accumulators, the decision is a kernel of its own."""
+    """`Stepper.update`. With derivatives, long accumulators or laws, the decision is a kernel of its own."""
 
     def decide(lane: Lane, end: StepEnd, fixed: Fixed[Model]) -> Decision:
         return decide_trial(lane, end, fixed, method)
@@ -97,7 +97,8 @@ def update_after_rk(lanes: LaneTree, ends: LaneTree, fixed: LaneTree, method: Ch
     def apply(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed[Model]) -> Lane:
         return apply_decision(lane, end, decision, fixed, method)
 
-    if not method.derivative and not method.has_long_accumulator:
+    in_one = not (method.derivative or method.has_long_accumulator or fixed.model.law.fills_kernels)
+    if in_one:
         return each(lambda lane, end, fixed: apply(lane, end, decide(lane, end, fixed), fixed), lanes, ends, fixed)
     return updated_lanes(apply, method, each, lanes, ends, each(decide, lanes, ends, fixed), fixed)
 

@@ -118,6 +118,11 @@ class ContactLaw(SceneLaw):
     )
     is_long: ClassVar[bool] = False  # in operations: fewer stages share a kernel
 
+    @property
+    def fills_kernels(self) -> bool:
+        """Whether one stage of a trial, the decision on it and the update are as large as a kernel may be."""
+        return False
+
     @abstractmethod
     def forces(self, point: ContactPoint) -> Forces:
         """The normal and the friction force, and the rate of the slider where it is integrated."""

@@ -23,6 +23,8 @@ from jaxshroud.model.contact_law import (
 from jaxshroud.model.geometry import Corners
 from jaxshroud.model.modes import Mode
 
+POINTS_IN_ONE_KERNEL = 3  # of a whole trial: with five, one kernel is 1,000 times slower than several
+
 
 class PointsContact(ContactLaw):
     """Several points with a law each."""
@@ -34,6 +36,11 @@ class PointsContact(ContactLaw):
 
     laws: tuple[ContactLaw, ...]
     shares: tuple[Scalar, ...]
+
+    @property
+    def fills_kernels(self) -> bool:
+        """With some 900 operations a point in a trial by RK4."""
+        return len(self.laws) > POINTS_IN_ONE_KERNEL
 
     @property
     def normal_stiffness(self) -> Scalar:
