@@ -41,7 +41,10 @@ def adaptive_samples(
 
 def adaptive_gap_slopes(scenes: Scene, periods: int, solver: str, rtol: float) -> np.ndarray:
     """The derivative of each lane's mean power with respect to the gap, (lanes,)."""
-    power = lambda scenes: adaptive_samples(scenes, periods, solver, rtol)[0].power[0].mean(axis=1)
+
+    def power(scenes):
+        return adaptive_samples(scenes, periods, solver, rtol)[0].power[0].mean(axis=1)
+
     return np.asarray(jax.jvp(power, (without_given(scenes),), (direction(scenes, "shroud.gap"),))[1])
 
 

@@ -51,7 +51,10 @@ def free_course(scene: Scene, first: Motion, turns: Scalar, t: Float[Array, " n"
     place, rate = free_propagators(scene, t)
     q, w = (jnp.einsum("nbik,bik->nbi", a, start) for a in (place, rate))
     columns = {n: slice(2 * k + 2, 2 * k + 4) for k, n in enumerate(swing.steady)}
-    harmonics = lambda a: {n: jnp.einsum("nbik,bik->nbi", a[..., own], start[..., own]) for n, own in columns.items()}
+
+    def harmonics(a):
+        return {n: jnp.einsum("nbik,bik->nbi", a[..., own], start[..., own]) for n, own in columns.items()}
+
     by_order, rates_by_order = harmonics(place), harmonics(rate)
     steady, steady_rate = summed(by_order.values()), summed(rates_by_order.values())
     stiffness = swing.square + swing.damping**2
@@ -150,7 +153,10 @@ def free_runs(
     samples, *end = _closed_form_samples(
         scenes, states, begin, jnp.full_like(turns, transient), turns, kept, nodes, method.amplitudes, method.vibration
     )
-    places = lambda lane: [lane.state, lane.status, lane.accumulator.log.times.apart]
+
+    def places(lane):
+        return [lane.state, lane.status, lane.accumulator.log.times.apart]
+
     lanes = eqx.tree_at(places, begin_lanes(scenes, states, method), end)
     zeros: Any = np.zeros(np.shape(samples.power[0]))
     works = dict.fromkeys(("work", "gross", "dropped", "residual", "friction", "viscous", "switched"), zeros)
@@ -203,7 +209,10 @@ def _closed_form_samples(
         moments, extent = each_extent(starts) if amplitudes else (None, None)
         means = jax.vmap(lambda z: free_means(scene, z, turns, nodes))(starts) if vibration else None
         apart = jnp.broadcast_to(period, power[:, 0].shape)
-        in_pairs = lambda a: (a[:, 0], a[:, 1])
+
+        def in_pairs(a):
+            return (a[:, 0], a[:, 1])
+
         sizes = tuple(in_pairs(largest[..., i]) for i in range(3))
         ends = Motion(*(in_pairs(a[1:]) for a in motion))
         times = ContactTimes(apart, *[jnp.zeros_like(apart)] * 2)
@@ -270,7 +279,10 @@ def _free_motions(scenes: Scene, first: Motion, grid: SampleGrid, block: int, st
 @kept()
 def _free_block(scenes: Scene, first: Motion, turns: Scalar, periods: Array) -> Motion:
     """The motion of scenes (leading axis) so many `periods` after drive phase `turns`."""
-    one = lambda scene, first: free_motion(scene, first, turns, periods * scene.drive.period)
+
+    def one(scene, first):
+        return free_motion(scene, first, turns, periods * scene.drive.period)
+
     return jax.vmap(one)(scenes, first)
 
 

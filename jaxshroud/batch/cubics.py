@@ -65,7 +65,10 @@ class RunningAmplitudes:
     def _add(self, motion: Motion) -> None:
         n = motion.x.shape[1]
         q, rate = (np.concatenate(pair, axis=1) for pair in zip(self._last, _displacements(motion), strict=True))
-        columns = lambda a: a.reshape(*a.shape[:2], -1)
+
+        def columns(a):
+            return a.reshape(*a.shape[:2], -1)
+
         with np.errstate(invalid="ignore", over="ignore"):  # of a motion that has overflowed
             away, slope = q - self._origin[:, None], rate * self._h
             self._sum += n * cubic_mean(away, rate, self._h)
@@ -87,5 +90,8 @@ class RunningAmplitudes:
 
 def _displacements(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     """The displacements and their rates, (lanes, n, blades, 3) each."""
-    stacked = lambda prefix: np.stack([np.asarray(getattr(motion, prefix + n), float) for n in DISPLACEMENTS], axis=-1)
+
+    def stacked(prefix):
+        return np.stack([np.asarray(getattr(motion, prefix + n), float) for n in DISPLACEMENTS], axis=-1)
+
     return stacked(""), stacked("v_")

@@ -150,7 +150,10 @@ def _sample_lane(lane: Lane, model: Model, period: Scalar, schedule: Schedule) -
     """The lane as it continues after a sample, and the sample."""
     time = period * (schedule.every / schedule.steps)
     flow = end_flow(lane, model, time)._replace(means=mean_over(time, lane.accumulator.integrals.means))
-    places = lambda lane: (lane.accumulator.integrals, lane.step, lane.status)
+
+    def places(lane):
+        return (lane.accumulator.integrals, lane.step, lane.status)
+
     empty = jax.tree.map(jnp.zeros_like, lane.accumulator.integrals)
     step = jnp.where(lane.step == schedule.steps, 0, lane.step)
     return eqx.tree_at(places, lane, (empty, step, flow.status)), flow
@@ -218,7 +221,10 @@ def differentiable_samples(scene: Scene, state: State, schedule: Schedule) -> Fl
 
 def perturbed_only(tangents: Tree) -> Tree:
     """The tangents, with None for those that are known to be zero."""
-    zero = lambda a: isinstance(a, SymbolicZero)
+
+    def zero(a):
+        return isinstance(a, SymbolicZero)
+
     return jax.tree.map(lambda a: None if zero(a) else a, tangents, is_leaf=zero)
 
 
@@ -232,7 +238,10 @@ def samples_and_tangents(primals: tuple[Scene, State], tangents: Any, schedule: 
     flows, _ = _run_compiled(*(Dual(*pair) for pair in zip(lanes, units, strict=True)), schedule=schedule)
     flow, slopes = _first_lane_flow(flows.value), flows.tangent
     slopes = jax.tree.map(lambda a: jnp.where(flow.status == Status.OK, a, jnp.zeros_like(a)), slopes)
-    slope = lambda a, by: None if by is None else jnp.tensordot(along, by, 1)
+
+    def slope(a, by):
+        return None if by is None else jnp.tensordot(along, by, 1)
+
     return flow, no_tangents(flow, jax.tree.map(slope, flow, slopes))
 
 

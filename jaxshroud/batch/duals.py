@@ -75,7 +75,10 @@ def differentiable(each: EachLane) -> EachLane:
 
     def run(f: Any, *args: Any) -> Any:
         leaves, tree = jax.tree.flatten(args)
-        of_leaves = lambda leaves: f(*tree.unflatten(leaves))
+
+        def of_leaves(leaves):
+            return f(*tree.unflatten(leaves))
+
         call = jax.custom_jvp(lambda *leaves: each(of_leaves, leaves))
         call.defjvp(partial(_dual_rule, each, of_leaves), symbolic_zeros=True)
         return call(*leaves)
@@ -86,5 +89,8 @@ def differentiable(each: EachLane) -> EachLane:
 def _dual_rule(each: EachLane, f: Any, values: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
     along = tuple(None if isinstance(t, SymbolicZero) or t.dtype == jax.dtypes.float0 else t for t in tangents)
     value, tangent = dual_lanes(each)(f, Dual(values, along))
-    none = lambda v, t: np.zeros(v.shape, jax.dtypes.float0) if t is None else t
+
+    def none(v, t):
+        return np.zeros(v.shape, jax.dtypes.float0) if t is None else t
+
     return value, jax.tree.map(none, value, tangent)

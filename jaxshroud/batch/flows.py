@@ -64,7 +64,10 @@ def canonical(state: State, scene_model: Model) -> State:
     Numbers on which no later motion depends are then unique, and have no tangent.
     """
     if touches_at_corners(scene_model) and scene_model.law.has_events:
-        angles = lambda motion: (motion.theta, motion.v_theta)
+
+        def angles(motion):
+            return (motion.theta, motion.v_theta)
+
         level = [select(state.case == FLAT, parallel_mean(pair, scene_model), pair) for pair in angles(state.motion)]
         state = eqx.tree_at(lambda s: angles(s.motion), state, tuple(level))
     at = place_contact(state.motion, state, scene_model)[2]
@@ -128,7 +131,10 @@ def dual_flow_constants(models: Dual, periods: Dual, steps: Int[Array, " lanes"]
     fixed = flow_constants(models.value, periods.value, steps, turns)
     count = _steps_per_period(steps, periods.value, turns)
     still = jax.tree.map(lambda _: None, fixed)
-    vary = lambda fixed: (fixed.model, fixed.grid.h)
+
+    def vary(fixed):
+        return (fixed.model, fixed.grid.h)
+
     along = eqx.tree_at(vary, still, (models.tangent, periods.tangent / count), is_leaf=lambda a: a is None)
     return Dual(fixed, along)
 
@@ -165,7 +171,10 @@ def flow_with_tangents(
     """
     models, periods = _dual_constants(scenes)
     fixed = dual_flow_constants(models, periods, jnp.full_like(lanes.value.step, 1) * steps, turns)
-    run = lambda lanes, passes: march(lanes, fixed, method, dual_lanes(each), attrgetter("value"), passes=passes)
+
+    def run(lanes, passes):
+        return march(lanes, fixed, method, dual_lanes(each), attrgetter("value"), passes=passes)
+
     return periods_within(limits, run, lanes, fixed.value.stop, attrgetter("value"))
 
 

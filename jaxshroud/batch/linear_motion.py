@@ -140,7 +140,10 @@ def _linear_motions(scenes: Scene, held: HeldContact) -> LinearMotion:
 @kept()
 def linear_motion_tangents(scenes: Scene, held: HeldContact, along: Scene) -> tuple[LinearMotion, LinearMotion]:
     """The motions of scenes (leading axis) and their derivatives along directions of the scenes."""
-    one = lambda scene, held, along: jax.jvp(lambda scene: linear_motion(scene, held), (scene,), (along,))
+
+    def one(scene, held, along):
+        return jax.jvp(lambda scene: linear_motion(scene, held), (scene,), (along,))
+
     return jax.vmap(one)(scenes, held, along)
 
 
@@ -161,9 +164,15 @@ def linear_motion(scene: Scene, held: HeldContact) -> LinearMotion:
     x, y, theta = place[:, 0], place[:, 1], place[:, 2]
     sine, versine = sine_versine(theta)
     power = blade_mean_square(x, y, sine, versine, gyration(scene.shroud), static_position(scene))
-    mean = lambda a: jnp.mean(a, axis=0)
+
+    def mean(a):
+        return jnp.mean(a, axis=0)
+
     highest, lowest = steady_extremes(swing, tau, q)
-    by_row = lambda a: a.reshape(3, -1)
+
+    def by_row(a):
+        return a.reshape(3, -1)
+
     forces = _contact_course(scene, held, at, swing, count)
     return LinearMotion(
         place,
@@ -267,7 +276,9 @@ def _contact_course(scene: Scene, held: HeldContact, at: Any, swing: SteadyNumbe
     mu = jnp.broadcast_to(jnp.atleast_1d(scene.friction.mu), held.case.shape)[:, None]
     k_d = jnp.broadcast_to(jnp.atleast_1d(scene.friction.k_d), held.case.shape)[:, None]
     rubs = (mu > 0) & (k_d > 0) & (scene.parts.friction != "none")
-    times_mu = lambda a: lax.complex(mu * a.real, mu * a.imag)
+
+    def times_mu(a):
+        return lax.complex(mu * a.real, mu * a.imag)
 
     def limit(sign: int) -> SteadyNumbers:
         """Mu N + F, or mu N - F."""
@@ -282,10 +293,13 @@ def _contact_course(scene: Scene, held: HeldContact, at: Any, swing: SteadyNumbe
         jnp.min(jnp.where(apart | ~rubs, jnp.inf, slip), axis=-1),
         jnp.min(jnp.where(apart.all(axis=-1)[:, None], least_value(negative(opening), count), jnp.inf), axis=-1),
     )
-    largest = lambda a: jnp.max(-least_value(negative(a), count), axis=-1)
-    sums = lambda a: SteadyNumbers(
-        a.mean.sum(axis=-1)[:, None], {n: b.sum(axis=-1)[:, None] for n, b in a.waves.items()}
-    )
+
+    def largest(a):
+        return jnp.max(-least_value(negative(a), count), axis=-1)
+
+    def sums(a):
+        return SteadyNumbers(a.mean.sum(axis=-1)[:, None], {n: b.sum(axis=-1)[:, None] for n, b in a.waves.items()})
+
     F_sum = sums(F)
     F_max = jnp.maximum(largest(F_sum), largest(negative(F_sum)))
     N_max = jnp.where(apart.all(axis=-1), 0.0, largest(sums(N)))
@@ -303,7 +317,10 @@ class LinearFlow(NamedTuple):
 def linear_flow(motion: LinearMotion, scenes: Scene) -> LinearFlow:
     """The flow of lanes from their motions, or from the derivatives of these."""
     means = jax.tree.map(lambda a: np.asarray(a)[:, scenes.layout.counting], motion.means)
-    by_row = lambda a: tuple(np.moveaxis(np.asarray(a), 1, 0))
+
+    def by_row(a):
+        return tuple(np.moveaxis(np.asarray(a), 1, 0))
+
     return LinearFlow(np.asarray(motion.power), means, (by_row(motion.first), by_row(motion.second)))
 
 

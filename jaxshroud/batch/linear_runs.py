@@ -104,7 +104,10 @@ def _sample(scenes: Scene, motion: LinearMotion, state: LinearState, method: Cho
         tuple(np.moveaxis(np.asarray(a), 1, 0)) for a in (motion.first, motion.second, motion.highest, motion.lowest)
     )
     place, speed = np.asarray(motion.displacement)[:, 0], np.asarray(motion.speed)[:, 0]
-    in_time = lambda numbers: tuple(a * period for a in numbers)
+
+    def in_time(numbers):
+        return tuple(a * period for a in numbers)
+
     still = np.zeros_like(motion.N_max)
     whole = still + period
     sample = Sample(

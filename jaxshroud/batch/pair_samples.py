@@ -80,7 +80,10 @@ def march_with_dense_output(
     clock, apart, count = grid.clock(scenes), stretch.apart, stretch.samples
     width = len(lanes.status)
     left, done, written = np.full(width, stretch.length, np.int32), np.zeros((width, 1), int), np.zeros(width, int)
-    empty = lambda a: np.zeros((width, count, *a.shape[1:]), a.dtype)
+
+    def empty(a):
+        return np.zeros((width, count, *a.shape[1:]), a.dtype)
+
     first = current_states(scenes, lanes)
     samples, event_states = jax.tree.map(empty, first), [empty_stretch(first)]
     while np.any((left > 0) & (np.asarray(lanes.status) == Status.OK)):

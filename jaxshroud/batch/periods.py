@@ -164,7 +164,10 @@ class Clock(NamedTuple):
 
     def grids(self, periods: Float[Array, " lanes"]) -> TimeGrid:
         """The time grid of each lane from its drive period."""
-        like = lambda a: jnp.broadcast_to(a.astype(periods.dtype), periods.shape)
+
+        def like(a):
+            return jnp.broadcast_to(a.astype(periods.dtype), periods.shape)
+
         return time_grid(like(self.start), like(self.per_period), periods)
 
 
@@ -215,7 +218,9 @@ def periods_within(
         lanes = with_clock_reset(lanes, over & (lane_of(lanes).step == stop), lane_of)
         return lanes, passes, ended + over.astype(ended.dtype)
 
-    on = lambda carry: (carry[1] > 0) & (carry[2] < limits.most)
+    def on(carry):
+        return (carry[1] > 0) & (carry[2] < limits.most)
+
     lanes, _, ended = lax.while_loop(on, one, (lanes, limits.passes, jnp.int32(0)))
     return lanes, ended
 

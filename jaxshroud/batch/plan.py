@@ -94,7 +94,10 @@ def completed_runs(runs: list[Runs | None], concatenate: Callable[[list[Runs]], 
 
 def _unfinished_like(like: Runs) -> Runs:
     """As many lanes, none of which has been run."""
-    fill = lambda a: np.full_like(a, np.nan if np.issubdtype(a.dtype, np.floating) else 0)
+
+    def fill(a):
+        return np.full_like(a, np.nan if np.issubdtype(a.dtype, np.floating) else 0)
+
     empty = jax.tree.map(fill, like)
     status = np.full_like(like.last.status, Status.NOT_RUN)
     return replace(empty, last=eqx.tree_at(lambda lane: lane.status, empty.last, status))

@@ -53,7 +53,10 @@ def _moments_of_pair(begin: Admitted, schedule: Schedule) -> SampledMoments:
     model, (times, turns) = prepared_model(begin.scene), sample_times(begin, schedule)
     states = eqx.tree_at(lambda s: s.motion, flow.state, jax.vmap(as_arrays)(flow.state.motion))
     stopped = flow.status != Status.OK
-    at = lambda t, turns, state, stopped: _moment_at(t, turns, state, stopped, model)
+
+    def at(t, turns, state, stopped):
+        return _moment_at(t, turns, state, stopped, model)
+
     moments = jax.vmap(at)(times, turns, states, stopped)
     return SampledMoments(moments, jnp.stack(flow.power, -1), flow.status, flow.margins)
 
@@ -151,7 +154,10 @@ def _row_samples_in_lanes(scenes: Scene, states: State, schedule: Schedule) -> R
 def _of_all(margins: EventMargins | None) -> EventMargins:
     """The margins of rows, lanes last, from those of their interfaces."""
     assert margins is not None
-    least = lambda speeds: jnp.min(speeds, axis=0)
+
+    def least(speeds):
+        return jnp.min(speeds, axis=0)
+
     return EventMargins(jnp.sum(margins.events, axis=0), least(margins.slowest_onset), least(margins.slowest_switch))
 
 

@@ -126,7 +126,9 @@ def _rows_once_begun(scenes: Scene, lanes: Lane, start: Any, each: EachLane) -> 
     model, period = row_models(scenes)
     lanes = lanes_last(lanes)
     wave, now = each(sincos_turns, jnp.broadcast_to(start, period.shape)), lanes.state
-    pairs = lambda state: pair_states(state, model)
+
+    def pairs(state):
+        return pair_states(state, model)
 
     def at_interface(torque: Any, now: State, start: State, model: Any) -> tuple[Any, Any, Any]:
         after = next_at_start(now, start, interface_view(torque, now, model), model)

@@ -84,7 +84,10 @@ def carried_row(state: State, model: RowModel) -> State:
     """A user's state in the form that compiled loops carry."""
     motion = state.motion
     if isinstance(motion, Motion):
-        moves = lambda name: name.removeprefix("v_") in model.parts.motion
+
+        def moves(name):
+            return name.removeprefix("v_") in model.parts.motion
+
         motion = Motion(*(a if moves(name) else ZERO for name, a in zip(Motion._fields, motion, strict=True)))
         motion = model.blades.carried(motion)
     law = model.interfaces.law
@@ -120,7 +123,10 @@ def row_ledger(accumulator: Accumulator) -> Ledger:
 
 def row_energy_residual(accumulator: Accumulator, gained: Any, axis: int) -> Any:
     """The residual of the energy balance of rows [J] that have `gained` energy; blades and interfaces along an axis."""
-    total = lambda a: a.sum(axis=axis)
+
+    def total(a):
+        return a.sum(axis=axis)
+
     jumps = EnergyJumps(total(row_jumps(accumulator).springs), row_jumps(accumulator).dropped)
     return energy_residual(jax.tree.map(total, row_ledger(accumulator)), jumps, gained)
 
@@ -195,7 +201,10 @@ ROW_KERNELS = PeriodKernels(lanes_last, lanes_first, row_models, march_rows, _be
 
 def row_sample(row: Sample) -> Sample:
     """Samples of rows, in which the works on their blades are added up."""
-    total = lambda a: None if a is None else a.sum(axis=-1)
+
+    def total(a):
+        return None if a is None else a.sum(axis=-1)
+
     row = jax.tree.map(np.asarray, row)
     return row._replace(work=total(row.work), gross=total(row.gross), viscous=total(row.viscous))
 
@@ -219,7 +228,10 @@ def begin_row_flows(scenes: Dual, states: Dual, method: Choices) -> Dual:
 def _with_tangent(f: Callable[..., Any], values: tuple[Any, ...], tangents: tuple[Any, ...]) -> Dual:
     """`f(*values)` and its tangent, of all real numbers, whether they depend on the direction or not."""
     real, rest = eqx.partition(values, eqx.is_inexact_array)
-    parts = lambda real: eqx.partition(f(*eqx.combine(real, rest)), eqx.is_inexact_array)
+
+    def parts(real):
+        return eqx.partition(f(*eqx.combine(real, rest)), eqx.is_inexact_array)
+
     out, along, fixed = jax.jvp(parts, (real,), (tangents,), has_aux=True)
     return Dual(eqx.combine(out, fixed), along)
 
@@ -242,7 +254,10 @@ def row_flow_with_tangents(
         count = stop.astype(period.dtype)
         grid = time_grid(jnp.zeros_like(period), count if turns is None else count / turns, period)
         fixed = Fixed(model, grid, stop)
-        run = lambda lanes, passes: march_rows(lanes, fixed, method, differentiable(each), passes)
+
+        def run(lanes, passes):
+            return march_rows(lanes, fixed, method, differentiable(each), passes)
+
         return periods_within(limits, run, lanes, stop)
 
     (end, ended), (along, _) = _with_tangent(flow, (scenes.value, lanes.value), (scenes.tangent, lanes.tangent))
@@ -268,7 +283,10 @@ def end_row_flows(scenes: Dual, lanes: Dual, n: Int[Array, ""], turns: PerLane |
 def _end_of_rows(lanes: Lane, model: RowModel, time: Any, each: EachLane) -> FlowWithMoments:
     """The flow of rows, lanes last, after `time` seconds."""
     gain: Any = lanes.accumulator.integrals
-    mean = lambda tree: jax.tree.map(lambda a: a / lax.broadcast_to_rank(time, a.ndim), filled(tree, gain.power))
+
+    def mean(tree):
+        return jax.tree.map(lambda a: a / lax.broadcast_to_rank(time, a.ndim), filled(tree, gain.power))
+
     power = mean(gain.power)
     overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(jnp.sum(power, axis=0))
     status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
@@ -283,7 +301,10 @@ def canonical_row(state: State, model: RowModel, each: EachLane) -> State:
     if model.turns_by_events:
         cluster = clusters(state.case, model)
         flat = jnp.any(state.case == FLAT, axis=0)
-        level = lambda a: jnp.where(flat, cluster.mean(a), a)
+
+        def level(a):
+            return jnp.where(flat, cluster.mean(a), a)
+
         motion = motion._replace(theta=level(motion.theta), v_theta=level(motion.v_theta))
     state = State(motion, u_s, state.mode, state.case)
     if is_zero(u_s) or model.interfaces.law.flows:

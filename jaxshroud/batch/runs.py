@@ -74,7 +74,10 @@ def sampled_motions(scenes: Scene, states: State, grid: SampleGrid, method: Choi
 
     They are marched step by step without contact too.
     """
-    run = lambda chunk, tick: march_of(scenes).motions(chunk[0], chunk[1], grid, method, tick)
+
+    def run(chunk, tick):
+        return march_of(scenes).motions(chunk[0], chunk[1], grid, method, tick)
+
     motions = chunk_by_chunk(run, (scenes, states), lambda _: None, lanes_per_call(scenes.layout))
     return jax.tree.map(lambda a: np.asarray(a, float), motions)
 
@@ -96,7 +99,10 @@ def independent_runs(
         Interrupted: As in `run_lanes`.
     """
     flat, begin = jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(shape) :]), (scenes, states))
-    shaped = lambda runs: jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), runs)
+
+    def shaped(runs):
+        return jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), runs)
+
     try:
         return shaped(run_lanes(flat, initial_states(flat) if begin is None else begin, plan, ticker))
     except Interrupted as stopped:
@@ -128,7 +134,10 @@ def continued_runs(
         Interrupted: As in `run_lanes`.
     """
     order = range(shape[0]) if direction == "forward" else range(shape[0] - 1, -1, -1)
-    concatenate = lambda runs: jax.tree.map(lambda *a: np.stack(a).reshape(*shape, *a[0].shape[1:]), *runs)
+
+    def concatenate(runs):
+        return jax.tree.map(lambda *a: np.stack(a).reshape(*shape, *a[0].shape[1:]), *runs)
+
     runs: list[Runs | None] = [None] * shape[0]
     relay = relay or SweepHandover()
     for i in order:

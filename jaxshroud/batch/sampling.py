@@ -269,13 +269,20 @@ def _event_trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choice
     """The next trials that ended a step or at an event; those after the last of the steps `left` are idle."""
     models, period = jax.vmap(lambda scene: (prepared_model(scene), scene.drive.period))(scenes)
     grids, groups = clock.grids(period), stage_groups(method, models.law) or ()
-    end_of_trial = lambda lanes, fixed: stepper_for(method).trial(lanes, fixed, method, each, groups)
+
+    def end_of_trial(lanes, fixed):
+        return stepper_for(method).trial(lanes, fixed, method, each, groups)
 
     def one(carry, _):
         lanes, left = carry
         fixed = Fixed(models, grids, jnp.where(left > 0, lanes.step + 1, lanes.step))
-        once = lambda lanes: advance(lanes, fixed, method, each)
-        idle = lambda pair: jnp.any(~(event_fired(*pair) | _step_ended(*pair)) & running(pair[1], fixed.stop))
+
+        def once(lanes):
+            return advance(lanes, fixed, method, each)
+
+        def idle(pair):
+            return jnp.any(~(event_fired(*pair) | _step_ended(*pair)) & running(pair[1], fixed.stop))
+
         before, ahead = lax.while_loop(idle, lambda pair: (pair[1], once(pair[1])), (lanes, once(lanes)))
         trial = _SampledTrial(
             jax.vmap(with_slider_updated)(end_of_trial(before, fixed).state, before.status, models),

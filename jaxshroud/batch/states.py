@@ -55,7 +55,10 @@ def states_apart(scenes: Scene, motion: Motion) -> State:
 def carried_state(state: State, model: Model) -> State:
     """A user's state in the form that compiled loops carry."""
     names = [name.removeprefix("v_") for name in Motion._fields]
-    keep = lambda name, pair: tuple(pair[i] if model.parts.has(name, i) else ZERO for i in (0, 1))
+
+    def keep(name, pair):
+        return tuple(pair[i] if model.parts.has(name, i) else ZERO for i in (0, 1))
+
     motion = Motion(*(keep(name, pair) for name, pair in zip(names, as_pairs(state.motion), strict=True)))
     u_s = model.law.carried_slider(state.u_s, state.mode)
     return State(motion, u_s, model.law.carried_mode(state.mode), state.case)
@@ -91,7 +94,10 @@ def by_interface(tree: Tree) -> Tree:
 
 def by_blade_or_interface(tree: Tree) -> Tree:
     """The tree as NumPy arrays: tuples of those of each blade (...,) as (..., blades), others as (..., 1)."""
-    stacked = lambda a: np.stack(a, axis=-1) if is_of_blades(a) else np.asarray(a)[..., None]
+
+    def stacked(a):
+        return np.stack(a, axis=-1) if is_of_blades(a) else np.asarray(a)[..., None]
+
     return jax.tree.map(stacked, tree, is_leaf=is_of_blades)
 
 
@@ -117,13 +123,19 @@ def shroud_motion(motion: Any, scenes: Scene) -> Motion:
     matrices, has = scenes.blade_matrices, scenes.parts.has
     assert matrices is not None  # which have such motions
     moves = np.array([has(name, 0) for name in COORDINATES])
-    of = lambda numbers: np.einsum("lbij,jlb->ilb", np.asarray(matrices.shroud) * moves[:, None], np.stack(numbers))
+
+    def of(numbers):
+        return np.einsum("lbij,jlb->ilb", np.asarray(matrices.shroud) * moves[:, None], np.stack(numbers))
+
     return Motion(*of(motion.q), *of(motion.rate))
 
 
 def in_scene_precision(state: State, scene: Scene) -> State:
     """The state with its real numbers in the precision of the scene."""
-    real = lambda a: np.issubdtype(np.asarray(a).dtype, np.floating)
+
+    def real(a):
+        return np.issubdtype(np.asarray(a).dtype, np.floating)
+
     return jax.tree.map(lambda a: np.asarray(a, scene.drive.omega.dtype if real(a) else None), state)
 
 
@@ -178,7 +190,10 @@ def _forces_of_block(scenes: Scene, states: State, turns) -> ContactForces:
         def one(state: State, turns) -> ContactForces:
             carried = carried_state(state, model)
             forces = contact_forces(drive_waves(*sincos_turns(turns), model.drive), carried, model)
-            force = lambda a: jnp.zeros_like(forces.v) if is_zero(a) else a
+
+            def force(a):
+                return jnp.zeros_like(forces.v) if is_zero(a) else a
+
             lost = jnp.isnan(forces.v)
             of_points = stacked_point_forces(forces.points, jnp.zeros_like(forces.v))
             forces = forces._replace(N=force(forces.N), F=force(forces.F), points=of_points)

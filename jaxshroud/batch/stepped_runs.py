@@ -40,11 +40,17 @@ def stepped_runs(march: March, scenes: Scene, states: State, plan: Plan, ticker:
     """The runs of lanes (leading axis), in chunks that share one compiled function, one thread per core."""
     width = lanes_per_call(scenes.layout)
     pace = CallPace(first_passes(width, scenes.layout))
-    run = lambda chunk, tick: _run_chunk(march, chunk, plan, pace, tick)
+
+    def run(chunk, tick):
+        return _run_chunk(march, chunk, plan, pace, tick)
+
     try:
         return chunk_by_chunk(run, (scenes, states, arrived), ticker, width)
     except Interrupted as stopped:
-        joined = lambda runs: concatenated_lanes(runs, len(arrived))
+
+        def joined(runs):
+            return concatenated_lanes(runs, len(arrived))
+
         raise Interrupted(completed_runs(stopped.done, joined)) from None
 
 
@@ -156,7 +162,10 @@ def stepped_trajectories(
     march: March, scenes: Scene, states: State, grid: SampleGrid, method: Choices, ticker: Tick
 ) -> Trajectories:
     """The trajectories of lanes (leading axis), in chunks that share one compiled function."""
-    run = lambda chunk, tick: march.sampled(chunk[0], chunk[1], grid, method, tick)
+
+    def run(chunk, tick):
+        return march.sampled(chunk[0], chunk[1], grid, method, tick)
+
     marched = chunk_by_chunk(run, (scenes, states), ticker, lanes_per_call(scenes.layout))
     last, (before, after) = marched.last, marched.energies
     with np.errstate(invalid="ignore"):  # of energies that overflowed

@@ -38,7 +38,10 @@ def replaced_where(stopped: Bool[Array, "..."], tree: Tree, number: float) -> Tr
 
     Derivatives are NaN there, whatever the number.
     """
-    own = lambda a: np.asarray(number, a.dtype)  # of NumPy: outside of compiled functions, JAX may trap NaN
+
+    def own(a):
+        return np.asarray(number, a.dtype)  # of NumPy: outside of compiled functions, JAX may trap NaN
+
     return jax.tree.map(lambda a: _replaced(a, own(a), _along(stopped, a)) if _is_real(a) else a, tree)
 
 

@@ -96,7 +96,10 @@ def sweep_function(
         lanes = jax.vmap(lambda scene, state: admit(scene, state, plan.steps, plan.method))(scenes, begin)
         strobe = _run_sweep(lanes.scene, lanes.start, plan, plan.method)
         told = status_if_admitted(strobe.status, lanes.good), lanes.coarseness, nan_where(~lanes.good, strobe.P_0)
-        places = lambda strobe: (strobe.status, strobe.coarseness, strobe.P_0)
+
+        def places(strobe):
+            return (strobe.status, strobe.coarseness, strobe.P_0)
+
         return eqx.tree_at(places, strobe, told, is_leaf=lambda a: a is None)
 
     return function
@@ -116,7 +119,10 @@ def _run_sweep(scenes: Scene, states: State, plan: SweepPlan, method: Choices) -
     """Run all lanes, chunk by chunk; `method` is that of the plan, passed for the decorator."""
     del method
     pure = march_of(scenes).pure
-    run = lambda chunk: pure.outcomes(chunk[0], chunk[1], plan)
+
+    def run(chunk):
+        return pure.outcomes(chunk[0], chunk[1], plan)
+
     outcomes = _by_chunks(run, (scenes, states), len(scenes.drive.omega))
     stopped = outcomes.status != Status.OK
     told = pure.within_bounds(stopped, scenes)

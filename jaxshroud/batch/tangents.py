@@ -189,7 +189,10 @@ def batched_tangents(
     lengths = None if turns is None else np.repeat(turns, [problem.lanes for problem in problems])
     flows = run_flow(scenes, states, n, steps, method, lengths)
     ends = np.cumsum([problem.lanes for problem in problems])
-    part = lambda end, lanes: jax.tree.map(lambda a: a[end - lanes : end], flows)
+
+    def part(end, lanes):
+        return jax.tree.map(lambda a: a[end - lanes : end], flows)
+
     return [problem.tangents(part(end, problem.lanes)) for problem, end in zip(problems, ends, strict=True)]
 
 
@@ -227,7 +230,10 @@ def direction(scene: Scene, key: str) -> Scene:
     rates = jax.jvp(dependent, (old,), (unit,))[1] if given else {}
     rates |= {} if holder is given else {row.name: unit}
     zeros = jax.tree.map(np.zeros_like, without_given(scene))
-    places = lambda s: [field_of(s, name) for name in rates]
+
+    def places(s):
+        return [field_of(s, name) for name in rates]
+
     along = eqx.tree_at(places, zeros, list(rates.values()))
     if row.name not in along.given:
         return along

@@ -260,5 +260,8 @@ def repeated_while(
     twice = once if several else lambda lanes: once(once(lanes))
     if passes is None:
         return lax.while_loop(going, twice, lanes)
-    on = lambda both: going(both[0]) & (both[1] > 0)
+
+    def on(both):
+        return going(both[0]) & (both[1] > 0)
+
     return lax.while_loop(on, lambda both: (twice(both[0]), both[1] - 1), (lanes, passes))

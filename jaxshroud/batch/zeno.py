@@ -56,7 +56,10 @@ def zeno_report(scenes: Scene, last: Any, period: np.ndarray, clock: Clock, meth
     # as many as the compiled program has
     copies = np.full(1 if len(period) == 1 else lanes_per_call(scenes.layout), stopped[0])
     scene, lane = jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[copies]), (scenes, last))
-    places = lambda lane: (lane.status, lane.search.events)
+
+    def places(lane):
+        return (lane.status, lane.search.events)
+
     again = eqx.tree_at(places, lane, (jnp.zeros_like(lane.status), jnp.zeros_like(lane.search.events)))
     march, quiet = march_of(scenes), lambda _: None
     after: Any = run_periods(march, scene, again, clock, 1, method, CallPace(1024), quiet, keep=False)[0]

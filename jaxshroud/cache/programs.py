@@ -257,7 +257,10 @@ class Programs:
             lowered = self.jitted.lower(**fixed, **given)
             with _without_jax_cache():
                 compiled = lowered.compile()
-        program = lambda leaves: compiled(**jax.tree.unflatten(structure, leaves))
+
+        def program(leaves):
+            return compiled(**jax.tree.unflatten(structure, leaves))
+
         try:
             content = _serialized(compiled, structure.num_leaves)
         except Exception as error:  # of whatever type JAX may raise for what it cannot serialise

@@ -114,13 +114,19 @@ def _projected_times(
     scenes: Scene, plan: Plan, directions: Sequence[Direction], lanes_per_value: int
 ) -> tuple[float, float]:
     """Processor time and wall time of a run [s], from short trials."""
-    at_once = lambda way: None if way == "independent" else lanes_per_value
+
+    def at_once(way):
+        return None if way == "independent" else lanes_per_value
+
     seconds = {}
     for lanes in {at_once(way) for way in directions}:
         with progress_bar("lane-periods of a trial") as report:
             seconds[lanes] = projected_seconds(scenes, plan, beside=lanes, progress=report)
     cpu = [seconds[at_once(way)] for way in directions]
-    together = lambda way: len(scenes.drive.omega) if way == "independent" else lanes_per_value
+
+    def together(way):
+        return len(scenes.drive.omega) if way == "independent" else lanes_per_value
+
     width = lanes_per_call(scenes.layout)
     busy = [min(cores(), -(-together(way) // width)) for way in directions]
     return sum(cpu), sum(each / n for each, n in zip(cpu, busy, strict=True))

@@ -281,7 +281,10 @@ def _summary(request: SweepRequest, result: SweepResult) -> dict[str, Any]:
 def _jump_places(result: SweepResult) -> dict[str, str]:
     """The values before which the motion jumps in each direction, in the unit of pictures."""
     key = next(iter(result.axes), "")
-    text = lambda value: display_value(*parse_key(key)[0].parts, value)
+
+    def text(value):
+        return display_value(*parse_key(key)[0].parts, value)
+
     return {f"jumps {direction}": ", ".join(map(text, values)) for direction, values in result.jumps.items()}
 
 

@@ -76,7 +76,10 @@ def _shown_design(best: dict[str, Any] | None) -> dict[str, Any] | None:
     """The best design as far as a terminal shows it: its first columns and its numbers, long cells shortened."""
     if best is None:
         return None
-    short = lambda value: shortened(value, LONGEST_CELL) if isinstance(value, str) else value
+
+    def short(value):
+        return shortened(value, LONGEST_CELL) if isinstance(value, str) else value
+
     shown = [(short(name), short(value)) for name, value in best.items()]
     more = len(shown) - SHOWN_ENTRIES
     return dict(shown if more <= 0 else [*shown[: -more - SHOWN_LAST], ("further columns", more), *shown[-SHOWN_LAST:]])

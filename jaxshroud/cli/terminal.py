@@ -246,7 +246,9 @@ def print_columns(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]
     from rich.table import Table
     from rich.text import Text
 
-    plain = lambda text: Text(printable(text))  # no markup: titles and folders may hold anything
+    def plain(text):
+        return Text(printable(text))  # no markup: titles and folders may hold anything
+
     style: Any = {"title_justify": "left", "box": None, "padding": (0, 2, 0, 0)}
     table = Table(title=plain(title) if title else None, show_header=heads_shown, **style)
     for i, head in enumerate(heads):

@@ -128,7 +128,9 @@ class Service:
                 self.methods.forget(*message.content)
 
     def _job(self, message: Message) -> Callable[[Any], None]:
-        answer = lambda kind, *content: self._answer(message._replace(kind=kind, content=content))
+        def answer(kind, *content):
+            return self._answer(message._replace(kind=kind, content=content))
+
         (wish,) = message.content
         inner = wish.job(self.methods, partial(answer, "show"), partial(answer, "tell"), self._is_busy)
 

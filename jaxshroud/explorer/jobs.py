@@ -238,7 +238,10 @@ class VerdictWish:
 
     def job(self, methods: Methods, show: Show, tell: Tell, busy: Busy) -> Job:
         """The job."""
-        first = lambda: busy("run") or busy("diagram")
+
+        def first():
+            return busy("run") or busy("diagram")
+
         return verdict_job(self.exploration, partial(methods.method, *self.method), first, show)
 
 

@@ -160,7 +160,10 @@ class DiagramPanel:
         data, ok = result.data, result.status == 0
         (dim,) = data["status"].dims
         value, motion = data[dim].to_numpy(), colour_indices(data)
-        nan = lambda a: np.where(ok, np.asarray(a, float), np.nan)
+
+        def nan(a):
+            return np.where(ok, np.asarray(a, float), np.nan)
+
         P_d, ci, peak = nan(result.P_d), nan(result.P_d_ci), nan(result.x_peak[:, 0])
         half = np.nan_to_num(ci)
         self.lanes.data = {

@@ -303,7 +303,10 @@ class RunPanel:
         """Show what the page itself would show of the first frame, for pages without a server."""
         frames = self.sources["frames"].data
         if len(frames["t"]):
-            corner = lambda axis, blade: [float(frames[f"{axis}{blade}{k}"][0]) for k in range(CORNERS)]
+
+            def corner(axis, blade):
+                return [float(frames[f"{axis}{blade}{k}"][0]) for k in range(CORNERS)]
+
             xs, ys = ([corner(axis, blade) for blade in (0, 1)] for axis in "xy")
             self.sources["blocks"].data = {"xs": xs, "ys": ys, "blade": [0, 1]}
             self.sources["arrows"].data = arrow_columns(frames)

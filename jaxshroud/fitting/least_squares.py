@@ -72,7 +72,10 @@ class Misfit:
         residuals = np.where(known, values - self.data.values, self.data.values) / self.data.sigma
         slopes = np.where(known[..., None], slopes, 0.0) / self.data.sigma[..., None]
         self.evaluations += len(points)
-        flat = lambda a: a.reshape(len(points), -1, *a.shape[3:])
+
+        def flat(a):
+            return a.reshape(len(points), -1, *a.shape[3:])
+
         return Residuals(flat(residuals), flat(slopes), flat(known))
 
     def at(self, u: np.ndarray) -> Residuals:

@@ -81,7 +81,10 @@ def _with_rest(samples: np.ndarray, count: int) -> np.ndarray:
 def _predicted(values: np.ndarray, slopes: np.ndarray, data: Measurements, keys: int) -> Predicted:
     """Values and slopes (points * keys, n, 6) by points and channels."""
     columns = [channel.column for channel in data.channels]
-    by_point = lambda a: a[..., columns].reshape(-1, keys, *a.shape[1:-1], len(columns))
+
+    def by_point(a):
+        return a[..., columns].reshape(-1, keys, *a.shape[1:-1], len(columns))
+
     return Predicted(by_point(values)[:, 0], np.moveaxis(by_point(slopes), 1, -1))
 
 
@@ -171,7 +174,10 @@ def _moved_along(orbit: PeriodicOrbit, motions: SampledMotions) -> tuple[np.ndar
     size = orbit.scene.state_size
     by_start, by_number = np.split(motions.end_by, [size])
     shift = moved_start(by_start.T, by_number.T, orbit.slider_is_free)
-    along = lambda by: by[size:] + np.einsum("zk,znc->knc", shift, by[:size])
+
+    def along(by):
+        return by[size:] + np.einsum("zk,znc->knc", shift, by[:size])
+
     return motions.place[0], motions.rate[0], along(motions.place_by), along(motions.rate_by)
 
 
@@ -180,8 +186,12 @@ def _amplitudes_and_slopes(place, rate, place_by, rate_by, interval):
     """Amplitudes of orbits (leading axis) over whole periods, and their derivatives along each number."""
 
     def one_orbit(place, rate, place_by, rate_by, h):
-        of = lambda place, rate: _amplitudes(place[None], rate[None], h[None, None, None])
-        slope = lambda place_by, rate_by: jax.jvp(of, (place, rate), (place_by, rate_by))[1]
+        def of(place, rate):
+            return _amplitudes(place[None], rate[None], h[None, None, None])
+
+        def slope(place_by, rate_by):
+            return jax.jvp(of, (place, rate), (place_by, rate_by))[1]
+
         return of(place, rate), jax.vmap(slope)(place_by, rate_by)
 
     return jax.vmap(one_orbit)(place, rate, place_by, rate_by, interval)

@@ -123,9 +123,11 @@ def arrays_in(store: Path, names: Iterable[str], *, writable: bool = False) -> "
     """The arrays of a store, by their names."""
     import zarr
 
-    opened = lambda name: zarr.open_array(
-        ChunkStore(store / name, read_only=not writable), mode="r+" if writable else "r", zarr_format=3
-    )
+    def opened(name):
+        return zarr.open_array(
+            ChunkStore(store / name, read_only=not writable), mode="r+" if writable else "r", zarr_format=3
+        )
+
     with zarr.config.set({"array.write_empty_chunks": True}):  # so that a missing chunk is damage
         return {name: opened(name) for name in names}
 
@@ -141,8 +143,13 @@ def chunk_files(arrays: "Mapping[str, zarr.Array]", place: Sequence[int]) -> dic
     An array that lacks a dimension of the lanes has a chunk for several blocks, which only the first of them writes.
     """
     index = dict(zip(dimension_names(arrays["status"]), place, strict=True))
-    is_first = lambda array: not any(n for dim, n in index.items() if dim not in dimension_names(array))
-    chunk = lambda array: array.metadata.encode_chunk_key(tuple(index.get(dim, 0) for dim in dimension_names(array)))
+
+    def is_first(array):
+        return not any(n for dim, n in index.items() if dim not in dimension_names(array))
+
+    def chunk(array):
+        return array.metadata.encode_chunk_key(tuple(index.get(dim, 0) for dim in dimension_names(array)))
+
     return {name: f"{name}/{chunk(array)}" for name, array in arrays.items() if is_first(array)}
 
 

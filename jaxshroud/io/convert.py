@@ -130,7 +130,10 @@ def _with_speeds_in_rpm(data: "xr.Dataset") -> "xr.Dataset":
 
 def _row_dims(data: "xr.Dataset", rows: Rows | None) -> tuple[str, ...]:
     """The dimensions of the rows."""
-    dims_of = lambda name: tuple(str(dim) for dim in data[name].dims if dim != "blade") if name in data else ()
+
+    def dims_of(name):
+        return tuple(str(dim) for dim in data[name].dims if dim != "blade") if name in data else ()
+
     lanes = dims_of("status")
     samples = dims_of("x") or dims_of("P_d") or max(map(dims_of, data.data_vars), key=len, default=())
     if rows == "lane" and not lanes:

@@ -83,7 +83,10 @@ def _check_separator(header: str, path: str | os.PathLike[str]) -> None:
 
 def _history_of_run(headers: list[str], table: list[tuple]) -> tuple[list[str], list[tuple]]:
     """The columns of a run that are those of a time history, with the heads that these have."""
-    moves = lambda j: headers[j] == RUN_TIME or any(row[j + 1] not in ("0", "0.0", "-0.0") for row in table)
+
+    def moves(j):
+        return headers[j] == RUN_TIME or any(row[j + 1] not in ("0", "0.0", "-0.0") for row in table)
+
     kept = [j for j, head in enumerate(headers) if head in RUN_HEADS and moves(j)]
     return [RUN_HEADS[headers[j]] for j in kept], [(row[0], *(row[j + 1] for j in kept)) for row in table]
 

@@ -96,7 +96,10 @@ def updated_lanes(update: Callable[..., Lane], method: Choices, each: EachLane, 
     """
     if not method.has_long_accumulator:
         return each(update, *args)
-    sums = lambda lane: (lane.accumulator.integrals, lane.accumulator.log.impacts, lane.accumulator.log.extent)
+
+    def sums(lane):
+        return (lane.accumulator.integrals, lane.accumulator.log.impacts, lane.accumulator.log.extent)
+
     others = each(lambda *args: eqx.tree_at(sums, update(*args), (None,) * 3, is_leaf=lambda a: a is None), *args)
     return eqx.tree_at(sums, others, each(lambda *args: sums(update(*args)), *args), is_leaf=lambda a: a is None)
 

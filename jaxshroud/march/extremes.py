@@ -103,7 +103,9 @@ def closing_speed(trial: InterfaceTrial) -> Scalar:
 def updated_range(before: DisplacementRange, trial: BladeTrial) -> DisplacementRange:
     """The range of the displacements after a trial step."""
     start, z, h = trial.start, trial.end, trial.h
-    rates = lambda z: (z.v_x, z.v_y, z.v_theta)
+
+    def rates(z):
+        return (z.v_x, z.v_y, z.v_theta)
 
     def within(a: Scalar, b: Scalar, rate_a: Scalar, rate_b: Scalar) -> Extent:
         cubic = HermiteCubic(a, b, rate_a * h, rate_b * h)
@@ -128,7 +130,10 @@ def extent_of(*values: Scalar) -> Extent:
 
 def range_from(intervals: Any) -> DisplacementRange:
     """The range from the interval of each displacement."""
-    end = lambda i: jax.tree.map(lambda a: a[i], intervals, is_leaf=lambda a: isinstance(a, Extent))
+
+    def end(i):
+        return jax.tree.map(lambda a: a[i], intervals, is_leaf=lambda a: isinstance(a, Extent))
+
     return DisplacementRange(end(0), end(1))
 
 
@@ -204,7 +209,10 @@ def taylor_range(inside: MotionSeries) -> DisplacementRange:
 
 def _of_each_displacement(f: Callable[[Coefficients], Any], inside: MotionSeries) -> tuple[Any, Any, Any]:
     """`f` of the coefficients of each displacement that is not absent."""
-    of = lambda a: a if is_zero(a) else f(a.coefficients(inside.order))
+
+    def of(a):
+        return a if is_zero(a) else f(a.coefficients(inside.order))
+
     return jax.tree.map(of, displacements_of(inside.motion), is_leaf=is_zero)
 
 

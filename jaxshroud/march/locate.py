@@ -319,5 +319,8 @@ def at_event(quantities, slopes, guard, rate):
 def _at_event_jvp(primals, tangents):
     quantities, slopes, _, rate = first_order_only(primals)
     shift = -tangents[2] / rate
-    moved = lambda d, slope: d + slope * lax.broadcast_to_rank(shift, slope.ndim)
+
+    def moved(d, slope):
+        return d + slope * lax.broadcast_to_rank(shift, slope.ndim)
+
     return quantities, jax.tree.map(moved, tangents[0], slopes)

@@ -47,7 +47,10 @@ def new_accumulator(state: State, model: Model, method: Choices) -> Accumulator:
 def _new_log(state: State, zero: Scalar, model: Model, method: Choices) -> Log:
     contact = Beginning(None, zero, place_contact(state.motion, state, model)[2].v, model)
     blades = Beginning(state.motion, zero, zero, None)
-    start = lambda one: one.start(contact) if one.per == "interface" else of_blades(one, one.start, blades)
+
+    def start(one):
+        return one.start(contact) if one.per == "interface" else of_blades(one, one.start, blades)
+
     return log_of({one.name: start(one) for one in observables_of(method)})
 
 
@@ -133,7 +136,10 @@ def new_row_log(state: State, at: OfInterfaces, model: RowModel, method: Choices
     contact = Beginning(None, at, v, model.interfaces)
     zero = jnp.zeros_like(motion.x)
     blades = Beginning(motion, zero, zero, None)
-    start = lambda one: one.start(contact if one.per == "interface" else blades)
+
+    def start(one):
+        return one.start(contact if one.per == "interface" else blades)
+
     return log_of({one.name: start(one) for one in observables_of(method)})
 
 

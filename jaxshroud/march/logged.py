@@ -210,7 +210,10 @@ EXTENT = Observable(
 
 def _updated_positions(before: Means, trial: BladeTrial) -> Means:
     complete = trial.complete
-    add = lambda total, a: total + where(complete, a, 0.0)
+
+    def add(total, a):
+        return total + where(complete, a, 0.0)
+
     return jax.tree.map(add, before, blade_positions(trial.after))
 
 

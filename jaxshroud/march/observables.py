@@ -47,7 +47,10 @@ def stacked_point_forces(points: Any, zero: Any, axis: int = -1) -> Any:
     """The forces of points as arrays with an `axis` of points, with `zero` where they have none."""
     if is_zero(points):
         return points
-    stacked = lambda numbers: points_last(tuple(zero if is_zero(a) else a for a in numbers), axis)
+
+    def stacked(numbers):
+        return points_last(tuple(zero if is_zero(a) else a for a in numbers), axis)
+
     return PointForces(*map(stacked, points))
 
 
@@ -63,7 +66,10 @@ def contact_forces_at(
     """`contact_forces` of placed blocks under known torques."""
     _, case, at = placed
     forces = law_forces(at, state.motion, state, case, model)
-    is_apart = lambda: interface_mode(state.mode) == Mode.APART
+
+    def is_apart():
+        return interface_mode(state.mode) == Mode.APART
+
     F = where(is_apart(), ZERO, forces.F)  # no negative zero
     point = ZERO
     if isinstance(forces, SummedForces) and has_torsion(model):

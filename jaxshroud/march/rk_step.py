@@ -114,7 +114,10 @@ def _drive_waves(interval: TrialInterval, nodes: set[float], model: Model) -> di
 def waves_at_nodes(interval: TrialInterval, nodes: set[float]) -> dict[float, Pair]:
     """(sin, cos) of the drive's phase at some nodes of the tableau, by angle addition from the start of the step."""
     s_0, c_0 = sincos_turns(interval.turns)
-    advanced = lambda s, v: (s_0 - s_0 * v + c_0 * s, c_0 - c_0 * v - s_0 * s)
+
+    def advanced(s, v):
+        return (s_0 - s_0 * v + c_0 * s, c_0 - c_0 * v - s_0 * s)
+
     return {c: advanced(*by) if c else (s_0, c_0) for c, by in _node_angles(interval.dturns, nodes).items()}
 
 
@@ -136,7 +139,10 @@ def _stage_state(start: State, h: Scalar, weights, slopes: Any, model: Model) ->
     if not used:
         return start
     weights, slopes = zip(*used, strict=True)
-    add = lambda z, *k: plus(z, times(h, reduce(plus, map(times, weights, k), 0)))
+
+    def add(z, *k):
+        return plus(z, times(h, reduce(plus, map(times, weights, k), 0)))
+
     motion = jax.tree.map(add, start.motion, *(k.motion for k in slopes))
     u_s = jax.tree.map(add, start.u_s, *(k.u_s for k in slopes)) if model.law.flows else start.u_s
     return State(motion, u_s, start.mode, start.case)

@@ -64,8 +64,13 @@ def begin_rk(state: State, model: Model, method: Choices) -> Lane:
     guards = None
     check_own_events(method.events, model.law.has_events)
     if model.law.has_events:
-        waves = lambda: drive_waves(zero, zero, model.drive)
-        evaluate = lambda: evaluate_guards(state.motion, waves(), state, model, method.all_events)
+
+        def waves():
+            return drive_waves(zero, zero, model.drive)
+
+        def evaluate():
+            return evaluate_guards(state.motion, waves(), state, model, method.all_events)
+
         guards = guards_to_begin_with(zeros_for(evaluate).guards, method.all_events)
     search = new_search(zero, zero, jnp.ones((), bool), step, method.locate, method.derivative)
     return Lane(state, step, search, guards, accumulator, step)
@@ -221,7 +226,9 @@ def _differentiable_event_end(end: StepEnd, lane: Lane, kind: Int[Array, ""], fi
     """The end of a trial where the guard of `kind` vanishes, with derivatives: state, wave, integrals and length."""
     assert end.slope is not None
     model, grid, start, length = fixed.model, fixed.grid, lane.state, lane.search.length
-    flowing = lambda state: state.u_s if model.law.flows else ZERO
+
+    def flowing(state):
+        return state.u_s if model.law.flows else ZERO
 
     def guard(z: Motion, Q: Waves, u_s: Slider) -> Scalar:
         at = _with_slider_of(start, end.state) if is_zero(u_s) else State(start.motion, u_s, start.mode, start.case)

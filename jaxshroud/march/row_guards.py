@@ -70,5 +70,8 @@ def row_contact_forces(state: State, wave: Any, model: RowModel, each: Each) -> 
 def row_guards(state: State, wave: Any, model: RowModel, each: Each, events: Events) -> Guards:
     """The guards of each interface in a state."""
     torque, _ = row_torques(state, wave, model, each)
-    guards = lambda torque, state, model: interface_view(torque, state, model, events).guards
+
+    def guards(torque, state, model):
+        return interface_view(torque, state, model, events).guards
+
     return over(each, guards, torque, pair_states(state, model), model.interfaces)

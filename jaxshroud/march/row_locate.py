@@ -84,7 +84,10 @@ def row_outcome(search: Search, outcome: InterfaceOutcome, low: Guards) -> RowOu
     first = jnp.argmax(jnp.where(hit, outcome.share, -1.0), axis=0).astype(jnp.int32)
     place = first if target is None or target.place is None else jnp.where(any_hit, first, target.place)
     here = jnp.arange(len(hit), dtype=jnp.int32)[:, None] == place[None]
-    at_place = lambda a: jnp.sum(jnp.where(here, a, jnp.zeros_like(a)), axis=0, dtype=a.dtype)
+
+    def at_place(a):
+        return jnp.sum(jnp.where(here, a, jnp.zeros_like(a)), axis=0, dtype=a.dtype)
+
     now = select(any_hit | ~search.bracketing, low, outcome.guards)
     return RowOutcome(
         hits,

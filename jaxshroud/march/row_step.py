@@ -68,7 +68,10 @@ def row_step(
 def _advanced(start: State, h: OfLanes, weights: Array, slopes: tuple[Any, Any], model: RowModel) -> State:
     """The start + h sum(weights * slopes), the slopes of all stages along the first axis."""
     by_stage = weights[:, None, None]
-    add = lambda z, k: z + h[None] * jnp.sum(by_stage * k, axis=0)
+
+    def add(z, k):
+        return z + h[None] * jnp.sum(by_stage * k, axis=0)
+
     motion = jax.tree.map(add, start.motion, slopes[0])
     u_s = add(start.u_s, slopes[1]) if model.interfaces.law.flows else start.u_s
     return State(motion, u_s, start.mode, start.case)
@@ -110,7 +113,10 @@ def differentiable_event_end(
     The slopes are those of the step by its own length, so that what is computed is differentiated exactly.
     """
     ends, length = jnp.any(crossing.fires, axis=0) & crossing.is_root, lane.search.length
-    still = lambda: (end, length)
+
+    def still():
+        return (end, length)
+
     return lax.cond(jnp.any(ends), lambda: _at_root(end, lane, ends, crossing, fixed, method, each), still)
 
 
@@ -125,7 +131,9 @@ def _at_root(
 ) -> tuple[RowStepEnd, OfLanes]:
     """`differentiable_event_end` where some of the lanes end at a root."""
     flows = fixed.model.interfaces.law.flows
-    moving = lambda end: (end.state.motion, end.state.u_s if flows else ZERO, end.gain)
+
+    def moving(end):
+        return (end.state.motion, end.state.u_s if flows else ZERO, end.gain)
 
     def guard(end: RowStepEnd, fixed: Fixed[RowModel]) -> OfLanes:
         values = select_guard(

@@ -262,7 +262,10 @@ def _as_flat(
     if not model.turns_by_events:
         return state, jnp.zeros_like(jax.tree.leaves(state.motion)[0][0])
     z, cluster, now = state.motion, clusters(state.case, model), jnp.any(becomes_flat, axis=0)
-    as_one = lambda a: jnp.where(now, cluster.mean(a), a)
+
+    def as_one(a):
+        return jnp.where(now, cluster.mean(a), a)
+
     shroud = model.blades.shroud(z)
     parallel = model.blades.with_turn(z, as_one(shroud.theta), as_one(shroud.v_theta), model.inverse)
     before, now_parallel, still = lax.stop_gradient((z, parallel, model))

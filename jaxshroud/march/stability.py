@@ -47,9 +47,15 @@ def step_limits(method: Tableau | TaylorOptions) -> tuple[float, float]:
     Both are for oscillations; a decay of that rate is stable as well. Power series choose their own steps: inf.
     """
     y = np.linspace(0.01, 12, 1200)
-    first = lambda beyond: float(y[np.argmax(beyond)]) if np.any(beyond) else math.inf
+
+    def first(beyond):
+        return float(y[np.argmax(beyond)]) if np.any(beyond) else math.inf
+
     grows = np.maximum(np.abs(method.amplification(y)), np.abs(method.amplification(1j * y))) > UNSTABLE_GROWTH
-    error = lambda m, y: np.abs(m.amplification(y) * np.exp(-1j * y) - 1) / y
+
+    def error(m, y):
+        return np.abs(m.amplification(y) * np.exp(-1j * y) - 1) / y
+
     errs = error(method, y) > error(RK4, np.array([ACCURACY_LIMIT])) * (1 + 1e-9)
     return first(grows), min(first(errs), first(grows))
 
@@ -126,8 +132,13 @@ def largest_eigenvalue(M: Float[Array, "... n n"]) -> Float[Array, "... 1"]:
     several devices of a CPU run at once. Squaring so often leaves an error of 2^-40 / e of the eigenvalue, where the
     next one is nearest; else none.
     """
-    total = lambda P: jnp.trace(P, axis1=-2, axis2=-1)[..., None, None]
-    scaled = lambda P: P / jnp.where(total(P) == 0, 1.0, total(P))
+
+    def total(P):
+        return jnp.trace(P, axis1=-2, axis2=-1)[..., None, None]
+
+    def scaled(P):
+        return P / jnp.where(total(P) == 0, 1.0, total(P))
+
     P = lax.fori_loop(0, 40, lambda _, P: scaled(P @ P), scaled(M))
     return total(P @ M)[..., 0]
 
@@ -166,7 +177,10 @@ def step_report(
     """
     unstable, inaccurate = step_limits(method)
     product = omega_max * period / steps_per_period
-    need = lambda limit: math.ceil(omega_max * period / limit)
+
+    def need(limit):
+        return math.ceil(omega_max * period / limit)
+
     numbers = f"omega_max h = {product:.3g} (omega_max = {omega_max:.4g} rad/s with contact and friction springs)"
     if product > unstable:
         raise StepTooLongError(
@@ -299,7 +313,10 @@ def _fastest(scenes: Scene, batch_dims: int) -> _Fastest:
 
     NumPy computes the eigenvalues: JAX would import scipy.linalg, which takes longer than everything else here.
     """
-    flat = lambda a: np.asarray(a).reshape(-1, *np.shape(a)[batch_dims:])
+
+    def flat(a):
+        return np.asarray(a).reshape(-1, *np.shape(a)[batch_dims:])
+
     stiffness, period = _batched_stiffness(_bounding_pairs(jax.tree.map(flat, scenes)))
     stiffness = jax.tree.map(np.asarray, stiffness)
     return _Fastest(*_frequencies(stiffness, np, np.linalg.eigvalsh), np.asarray(period), stiffness.relaxation)
@@ -319,7 +336,10 @@ def _pairs_of_rows(rows: Scene) -> Scene:
 
     def pairs(row: Scene) -> Scene:
         at = jax.vmap(lambda j: pair_at(row, j))(jnp.arange(row.layout.interfaces))
-        stiffness = lambda s: (s.contact.k, s.friction.k_d)
+
+        def stiffness(s: Any) -> Any:
+            return (s.contact.k, s.friction.k_d)
+
         at = eqx.tree_at(stiffness, at, tuple(2 * k for k in stiffness(at)))
         return eqx.tree_at(lambda s: (s.coupling, s.aero), at, couplings_of_pairs(row)) if row.is_coupled else at
 

@@ -87,10 +87,19 @@ def without_derivatives(expansion: TaylorExpansion) -> TaylorExpansion:
 
 def per_radian(model: Model, unit: Scalar) -> Model:
     """The model with time in units of `unit` seconds: masses stay, and forces are in kg m / unit^2."""
-    between = lambda m, kind: [] if m.coupling is None else [getattr(m.coupling, f"{kind}_{name}") for name in "xyT"]
-    forces = lambda m: (m.blades.k_x, m.blades.k_y, m.blades.k_T, *m.drive.loads, *between(m, "k"))
-    dampers = lambda m: (m.blades.c_x, m.blades.c_y, m.blades.c_T, *between(m, "c"))
-    springs = lambda m: linear_law(m.law).stiffnesses
+
+    def between(m, kind):
+        return [] if m.coupling is None else [getattr(m.coupling, f"{kind}_{name}") for name in "xyT"]
+
+    def forces(m):
+        return (m.blades.k_x, m.blades.k_y, m.blades.k_T, *m.drive.loads, *between(m, "k"))
+
+    def dampers(m):
+        return (m.blades.c_x, m.blades.c_y, m.blades.c_T, *between(m, "c"))
+
+    def springs(m):
+        return linear_law(m.law).stiffnesses
+
     for places, factor in ((forces, unit * unit), (dampers, unit), (springs, unit * unit)):
         scaled = jax.tree.map(lambda a, factor=factor: a * factor, places(model))
         model = eqx.tree_at(places, model, scaled, is_leaf=is_zero)
@@ -135,7 +144,10 @@ TESTED_TOLERANCES = np.geomspace(*TOLERANCE_RANGE, 16)
 def integrated_squares(expansion: TaylorExpansion, order: int, s: Scalar, model: Model) -> Pair:
     """The mean squares of the displacements, integrated over `s` radians."""
     pose, total = expansion.pose, (ZERO, ZERO)
-    mean = lambda a: a if is_zero(a) else polynomial_value(_integrated(a, order), s) / where(s > 0, s, 1.0)
+
+    def mean(a):
+        return a if is_zero(a) else polynomial_value(_integrated(a, order), s) / where(s > 0, s, 1.0)
+
     versine = tuple(map(mean, pose.versine))  # which enters linearly, as the sine does
     sine = pose.sin if model.static is None else tuple(map(mean, pose.sin))
     for t, weight in zip(*lobatto_rule_for(order), strict=True):
@@ -156,8 +168,13 @@ def integrated_means(expansion: TaylorExpansion, order: int, s: Scalar) -> Means
     """The position of the left block over `s` radians; x and y at the nodes at which their squares are needed."""
     (x, _), (y, _) = expansion.pose.x, expansion.pose.y
     rule, seconds = list(zip(*lobatto_rule_for(order), strict=True)), s * expansion.unit
-    at_nodes = lambda a: a if is_zero(a) else seconds * sum(w * _at_node(a, order, s, t) for t, w in rule)
-    gained = lambda a: a if is_zero(a) else polynomial_value(_integrated(a, order), s) * expansion.unit
+
+    def at_nodes(a):
+        return a if is_zero(a) else seconds * sum(w * _at_node(a, order, s, t) for t, w in rule)
+
+    def gained(a):
+        return a if is_zero(a) else polynomial_value(_integrated(a, order), s) * expansion.unit
+
     return Means(at_nodes(x), at_nodes(y), gained(expansion.pose.sin[0]), gained(expansion.pose.versine[0]))
 
 
@@ -165,7 +182,10 @@ def integrated_works(expansion: TaylorExpansion, order: int, s: Scalar) -> Ledge
     """The works over `s` radians."""
     if expansion.works is None:
         return None
-    gained = lambda rate, at=s: polynomial_value(_integrated(rate, order + EXTRA_WORK_TERMS), at)
+
+    def gained(rate, at=s):
+        return polynomial_value(_integrated(rate, order + EXTRA_WORK_TERMS), at)
+
     half = gained(expansion.works.drive, s / 2)
     parts = (expansion.works.drive, expansion.works.viscous, expansion.works.friction)
     drive, viscous, friction = (a if is_zero(a) else gained(a) for a in parts)
@@ -177,7 +197,10 @@ def integrated_works(expansion: TaylorExpansion, order: int, s: Scalar) -> Ledge
 def integrated_moments(expansion: TaylorExpansion, order: int, s: Scalar) -> Moments:
     """The moments of the displacements over `s` radians."""
     z, unit = expansion.motion, expansion.unit
-    each = lambda f: tuple(tuple(a if is_zero(a) else f(a) * unit for a in pair) for pair in (z.x, z.y, z.theta))
+
+    def each(f):
+        return tuple(tuple(a if is_zero(a) else f(a) * unit for a in pair) for pair in (z.x, z.y, z.theta))
+
     first = each(lambda a: polynomial_value(_integrated(a, order), s))
     second = each(lambda a: _integrated_square(a.coefficients(order), order, s))
     return Moments(first, second)  # pyright: ignore[reportArgumentType]
@@ -194,7 +217,10 @@ def integrated_loads(expansion: TaylorExpansion, order: int, s: Scalar, state: S
     N = law.normal_force(impulse, state.mode)
     if not law.has_stick:
         return ContactLoads(N, ZERO, ZERO, ZERO)
-    gained = lambda a: polynomial_value(a.coefficients(order - 1), s) - a[0]
+
+    def gained(a):
+        return polynomial_value(a.coefficients(order - 1), s) - a[0]
+
     moved = law.slider_speed(gained(expansion.v), gained(expansion.u), state.mode)
     slips = (state.mode == Mode.SLIP_PLUS) | (state.mode == Mode.SLIP_MINUS)
     return ContactLoads(N, where(slips, N, 0.0), where(slips, s * expansion.unit, 0.0), jnp.abs(moved))
@@ -218,7 +244,10 @@ def lobatto_rule_for(order: int) -> QuadratureRule:
 
     A trial is as long as the fastest vibration of the motion allows: its last term then equals the tolerance.
     """
-    exact = lambda n: all(lobatto_error(n, _trial_turn(order, at)) <= at for at in TESTED_TOLERANCES)
+
+    def exact(n):
+        return all(lobatto_error(n, _trial_turn(order, at)) <= at for at in TESTED_TOLERANCES)
+
     return lobatto(next(n for n in count(3, 2) if exact(n)))
 
 

@@ -109,7 +109,10 @@ def update_after_taylor(
     lanes: LaneTree, trials: LaneTree, fixed: LaneTree, method: Choices, each: EachLane
 ) -> LaneTree:
     """`Stepper.update`."""
-    update = lambda lane, trial, fixed: lane_after_trial(lane, trial, fixed, method)
+
+    def update(lane, trial, fixed):
+        return lane_after_trial(lane, trial, fixed, method)
+
     return updated_lanes(update, method, each, lanes, trials, fixed)
 
 
@@ -191,7 +194,10 @@ def _found_in_trial(
 
 def _accurate_length(expansion: TaylorExpansion, order: int, tolerance: Scalar, fixed: Fixed[Model]) -> Scalar:
     """The length at which the last terms of the speeds are `tolerance` times the largest speed [rad]."""
-    largest = lambda n: reduce(jnp.maximum, (jnp.abs(c) for c in _displacement_coefficients(expansion, n, fixed)))
+
+    def largest(n):
+        return reduce(jnp.maximum, (jnp.abs(c) for c in _displacement_coefficients(expansion, n, fixed)))
+
     speed = reduce(jnp.maximum, map(largest, (1, 2, 3)))
     allowed = tolerance * speed + NEGLIGIBLE_SPEED
     lengths = [_power(allowed / (n * largest(n) + NEGLIGIBLE_SPEED), 1 / (n - 1)) for n in (order - 1, order)]

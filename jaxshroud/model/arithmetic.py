@@ -162,7 +162,10 @@ def summed(terms: Iterable[Any]) -> Any:
 
 def of_blade(i: int, *trees: Any) -> tuple[Any, ...]:
     """The numbers of one blade in each of some trees of pairs."""
-    own = lambda tree: jax.tree.map(lambda pair: pair[i], tree, is_leaf=lambda a: type(a) is tuple)
+
+    def own(tree):
+        return jax.tree.map(lambda pair: pair[i], tree, is_leaf=lambda a: type(a) is tuple)
+
     return tuple(map(own, trees))
 
 

@@ -141,12 +141,18 @@ class ElasticBlade(eqx.Module):
 
     def shroud(self, z: Any) -> Motion:
         """The motion of the shroud."""
-        of = lambda numbers: [row if is_zero(row) else dot(row, numbers) for row in self.map]
+
+        def of(numbers):
+            return [row if is_zero(row) else dot(row, numbers) for row in self.map]
+
         return Motion(*of(z.q), *of(z.rate))
 
     def carried(self, z: Motion) -> Any:
         """The motion of the blade's coordinates, of least norm, that moves its shroud so."""
-        of = lambda numbers: tuple(dot(row, [a for a in numbers if not is_zero(a)]) for row in self.lift)
+
+        def of(numbers):
+            return tuple(dot(row, [a for a in numbers if not is_zero(a)]) for row in self.lift)
+
         return ElasticMotion(of(z[:3]), of(z[3:]))
 
     def accelerations(self, z: Any, Q: Wave, drive: Excitation, R: BladeForces, inverse: MatrixRows) -> Any:

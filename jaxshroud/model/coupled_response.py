@@ -68,7 +68,10 @@ def _of_elastic_blades(scene: Scene, omega: Scalar, between: list[Any], force: l
     )
     none = jnp.zeros_like(force[0])
     moving = [scene.parts.has(name, 0) for name in COORDINATES]
-    as_complex = lambda a: lax.complex(a, jnp.zeros_like(a))
+
+    def as_complex(a):
+        return lax.complex(a, jnp.zeros_like(a))
+
     rows = [[as_complex(a) if moves else none for a in row] for moves, row in zip(moving, shroud, strict=True)]
     H = [times_vector(rows, times_vector(inverse, column)) for column in rows]  # H[b][a]: of a by a force along b
     blocks = [[jnp.diag(H[b][a]) for b in range(3)] for a in range(3)]

@@ -61,7 +61,10 @@ class NeighbourSprings(eqx.Module):
 def neighbour_springs(scene: Scene) -> NeighbourSprings | None:
     """The springs and dampers of a scene, without those along coordinates that no block has; None without any."""
     coupling = scene.coupling
-    number = lambda kind, name: getattr(coupling, f"{kind}_{SUFFIXES[name]}") if scene.parts.has(name, 0) else None
+
+    def number(kind, name):
+        return getattr(coupling, f"{kind}_{SUFFIXES[name]}") if scene.parts.has(name, 0) else None
+
     numbers = [number(kind, name) for kind in "kc" for name in COORDINATES]
     if all(a is None for a in numbers):
         return None
@@ -78,13 +81,19 @@ def forces_with_springs(R: BladeForces, z: Motion, springs: NeighbourSprings | N
     if springs is None:
         return R
     on_left = springs.forces(*motions_of_pair(z))
-    of_pair = lambda a, force: (a[0] + force, a[1] - force) if isinstance(a, tuple) else (force, -force)
+
+    def of_pair(a, force):
+        return (a[0] + force, a[1] - force) if isinstance(a, tuple) else (force, -force)
+
     return BladeForces(*(a if is_zero(f) else of_pair(a, f) for a, f in zip(R, on_left, strict=True)))
 
 
 def _on_both_sides(z: Motion, closed: bool) -> tuple[Motion, Motion]:
     """The motion of the blade left of each interface, and of that right of it."""
-    side = lambda of: Motion(*(a if is_zero(a) else of(a, closed) for a in z))
+
+    def side(of):
+        return Motion(*(a if is_zero(a) else of(a, closed) for a in z))
+
     return side(left_of_interfaces), side(right_of_interfaces)
 
 
@@ -135,7 +144,10 @@ def aero_matrices(scene: Scene) -> AeroMatrices | None:
 
 def forces_of_flow(z: Motion, aero: AeroMatrices, closed: bool) -> Any:
     """The force of the flow along x on each blade of a row (N, lanes) [N]."""
-    neighbour = lambda a, shift: jnp.roll(a, shift, 0) if closed else _along_chain(a, shift)
+
+    def neighbour(a, shift):
+        return jnp.roll(a, shift, 0) if closed else _along_chain(a, shift)
+
     against = ZERO
     for force, shift in ((aero.own, 0), (aero.next, -1), (aero.before, 1)):
         if force is not None:
@@ -172,14 +184,19 @@ def coupling_matrices(scene: Scene) -> CouplingMatrices:
         own = none.at[left, left].add(k).at[right, right].add(k)
         return own.at[left, right].add(-k).at[right, left].add(-k)
 
-    of_springs = lambda kind: [ZERO if springs is None else getattr(springs, f"{kind}_{s}") for s in SUFFIXES.values()]
+    def of_springs(kind):
+        return [ZERO if springs is None else getattr(springs, f"{kind}_{s}") for s in SUFFIXES.values()]
+
     stiffness, damping = (jnp.stack([between(a) for a in of_springs(kind)]) for kind in "kc")
     if aero is None:
         return CouplingMatrices(stiffness, damping)
     after = none.at[left, right].add(1.0)  # the next blade of each
     shifts = jnp.eye(count, dtype=like.dtype), after, after.T
     of_flow = [(force, shift) for force, shift in zip(aero, shifts, strict=True) if force is not None]
-    along_x = lambda part: summed(getattr(force, part) * shift for force, shift in of_flow)
+
+    def along_x(part):
+        return summed(getattr(force, part) * shift for force, shift in of_flow)
+
     return CouplingMatrices(stiffness.at[0].add(along_x("k")), damping.at[0].add(along_x("c")))
 
 
@@ -193,7 +210,10 @@ class CouplingBounds(NamedTuple):
 def coupling_bounds(pair: Scene) -> CouplingBounds:
     """The stiffness between both blades of a pair, and bounds of the damping and of the forces of the flow."""
     coupling, omega = pair.coupling, pair.drive.omega
-    number = lambda a: jnp.zeros_like(omega) if a is None else a
+
+    def number(a):
+        return jnp.zeros_like(omega) if a is None else a
+
     opposed = jnp.array([[1.0, -1.0], [-1.0, 1.0]], omega.dtype)
     K, C = jnp.zeros((6, 6), omega.dtype), jnp.zeros(6, omega.dtype)
     for i, suffix in enumerate(SUFFIXES.values()):
@@ -234,7 +254,10 @@ def static_coupling(scene: Scene, j: Any) -> tuple[Any, Any]:
     it; on the last one of a chain at its only one.
     """
     layout, springs, aero = scene.layout, neighbour_springs(scene), aero_matrices(scene)
-    at = lambda a: jnp.broadcast_to(a, (layout.interfaces,))[j]
+
+    def at(a):
+        return jnp.broadcast_to(a, (layout.interfaces,))[j]
+
     k = [
         0.0 * scene.drive.omega if springs is None or is_zero(a := getattr(springs, f"k_{s}")) else at(a) for s in "xyT"
     ]

@@ -37,7 +37,10 @@ class _Oscillators(NamedTuple):
 def _oscillators(blades: LinearContact, contact: NaturalContact, growth: Growth) -> _Oscillators:
     free = free_directions(blades.moves, contact, bool(blades.turns_as_one))
     root = np.sqrt(free.T**2 @ blades.mass)
-    reduced = lambda K: free.T @ K @ free / np.outer(root, root)
+
+    def reduced(K):
+        return free.T @ K @ free / np.outer(root, root)
+
     grown = reduced(np.diag(growth.by_square))
     K = blades.own_stiffness + contact_stiffness(blades, contact)
     own = reduced((K + K.T) / 2)
@@ -117,7 +120,10 @@ def pressed_ranges(
     blades: LinearContact, growth: Growth, by: Pressing, start: float, stop: float
 ) -> list[tuple[float, float]]:
     """The ranges of speeds [rad/s] in which all faces are pressed together at rest, from `start` to `stop`."""
-    least = lambda speed: float(np.min(static_normal_forces(blades, growth, by, speed**2)))
+
+    def least(speed):
+        return float(np.min(static_normal_forces(blades, growth, by, speed**2)))
+
     speeds = np.linspace(start, stop, POINTS_OF_RANGE)
     pressed = np.array([least(speed) > 0 for speed in speeds])
     changes = np.flatnonzero(pressed[1:] != pressed[:-1])

@@ -141,7 +141,9 @@ def _friction_cycle(laws: Laws, largest: Float[Array, ""], omega: Float[Array, "
         return fastest * jnp.cos(2 * tau), largest * (1 - jnp.cos(tau)) / 2
 
     def step(z, tau):
-        rate = lambda flat: jnp.ravel(friction(flat.reshape(z_shape), *motion(tau))[1])
+        def rate(flat):
+            return jnp.ravel(friction(flat.reshape(z_shape), *motion(tau))[1])
+
         flat = jnp.ravel(z)
         system = jnp.eye(flat.size, dtype=flat.dtype) - h * jax.jacfwd(rate)(flat)
         z = (flat + jnp.linalg.solve(system, h * rate(flat))).reshape(z_shape)

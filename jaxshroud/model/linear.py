@@ -105,10 +105,14 @@ def _elastic_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Amplitudes
 
 def _steady_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Amplitudes:
     b, has = scene.mistuned_blades, scene.parts.has
-    moves = lambda name: has(name, 0) if scene.row is not None else jnp.array([has(name, 0), has(name, 1)])
+
+    def moves(name):
+        return has(name, 0) if scene.row is not None else jnp.array([has(name, 0), has(name, 1)])
 
     def response(name, m, c, k):
-        kept = lambda load: jnp.where(moves(name), load, 0.0)
+        def kept(load):
+            return jnp.where(moves(name), load, 0.0)
+
         load = drive.parts(name, kept)
         force = lax.complex(load.re, load.im)
         detuning, loss = k - m * omega**2, c * omega
@@ -201,7 +205,10 @@ def vibration_square(square: Any, means: Any, gyration: Any) -> Any:
 def free_oscillations(scene: Scene) -> FreeOscillation:
     """The free oscillations of both blocks in x, y and theta: fields (2, 3)."""
     b, free = scene.mistuned_blades, steady_amplitudes(scene)
-    stack = lambda *columns: jnp.stack(columns, axis=-1)
+
+    def stack(*columns):
+        return jnp.stack(columns, axis=-1)
+
     mass = stack(b.m, b.inertia_y, b.I)
     damping = stack(b.c_x, b.c_y, b.c_T) / (2 * mass)
     steady = {n: stack(*one) for n, one in free.items()}

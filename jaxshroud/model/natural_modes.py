@@ -70,10 +70,13 @@ def linear_contact(scene: Scene, gradients: Any) -> LinearContact:
         raise InputError("Natural modes with contact are those of lumped blades so far, not of blades by matrices.")
     b, count = scene.mistuned_blades, scene.blades.m.shape[-1]
     points, interfaces = scene.contact.points, scene.layout.interfaces
-    of_each = lambda k: jnp.atleast_1d(k) if points is None else jnp.outer(jnp.atleast_1d(k), points.shares).ravel()
-    at_interfaces = lambda gradient: jnp.stack(
-        [_at_interface(own, j, count) for j in range(interfaces) for own in jnp.atleast_2d(gradient)]
-    )
+
+    def of_each(k):
+        return jnp.atleast_1d(k) if points is None else jnp.outer(jnp.atleast_1d(k), points.shares).ravel()
+
+    def at_interfaces(gradient):
+        return jnp.stack([_at_interface(own, j, count) for j in range(interfaces) for own in jnp.atleast_2d(gradient)])
+
     return LinearContact(
         mass=jnp.concatenate([b.m, b.inertia_y, b.I]),
         damping=jnp.concatenate([b.c_x, b.c_y, b.c_T]),

@@ -85,7 +85,10 @@ def prepared_model(scene: Scene) -> Model:
 
 def _mobility(scene: Scene) -> Mobility:
     b, has = scene.blades, scene.parts.has
-    of = lambda name, mass: tuple(1 / mass[i] if has(name, i) else ZERO for i in (0, 1))
+
+    def of(name, mass):
+        return tuple(1 / mass[i] if has(name, i) else ZERO for i in (0, 1))
+
     share = b.I[0] / (b.I[0] + b.I[1]) if scene.parts.neighbour == "blade" else jnp.zeros_like(b.I[0])
     joint = b.I[1] * share if scene.parts.neighbour == "blade" else b.I[0]
     return Mobility(InverseMasses(of("x", b.m), of("y", b.inertia_y), of("theta", b.I)), share, joint)

@@ -152,7 +152,10 @@ def _open_corners(q: Any, state: State, model: Model) -> Any:
         at = contact_kinematics(place, state.case, model.block, model.reading)
         assert isinstance(at, FaceKinematics)
         return jnp.stack([own.v for own in at.points])
-    corners_v = lambda case: contact_kinematics(place, jnp.asarray(case), model.block, model.reading).v
+
+    def corners_v(case):
+        return contact_kinematics(place, jnp.asarray(case), model.block, model.reading).v
+
     return jnp.stack([corners_v(case) for case in CASES_OF_CORNERS])
 
 

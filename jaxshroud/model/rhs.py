@@ -124,7 +124,10 @@ def blade_mean_square(x: Any, y: Any, sine: Any, versine: Any, gyration: Scalar,
 
 def mean_square(q: Pose, gyration: Scalar, static: StaticPosition | None) -> Pair:
     """`blade_mean_square` of both blocks."""
-    of = lambda i: (q.x[i], q.y[i], q.sin[i], q.versine[i], gyration, *of_blade(i, static))
+
+    def of(i):
+        return (q.x[i], q.y[i], q.sin[i], q.versine[i], gyration, *of_blade(i, static))
+
     left, right = (blade_mean_square(*of(i)) for i in (0, 1))
     return left, right
 

@@ -115,7 +115,10 @@ def pair_at(scene: Scene, j: Any) -> Scene:
     if row is None:
         return scene
     sides = jnp.stack([j, (j + 1) % row.blades])
-    take = lambda tree: jax.tree.map(lambda a: a[sides], tree)
+
+    def take(tree):
+        return jax.tree.map(lambda a: a[sides], tree)
+
     width = None if scene.contact.width is None else scene.contact.width[j]
     return Scene(
         take(scene.running_blades),

@@ -21,7 +21,10 @@ def right_of_interfaces(a: Array, closed: bool) -> Array:
 
 def both_sides(tree: Any, closed: bool) -> Any:
     """A tree of numbers of blades as one of pairs at interfaces."""
-    sides = lambda a: (a, a) if is_zero(a) else (left_of_interfaces(a, closed), right_of_interfaces(a, closed))
+
+    def sides(a):
+        return (a, a) if is_zero(a) else (left_of_interfaces(a, closed), right_of_interfaces(a, closed))
+
     return jax.tree.map(sides, tree, is_leaf=is_zero)
 
 

@@ -117,7 +117,10 @@ def measure_at(special: BranchPoint) -> PointMeasure:
 def _crossed_kinds(here: BranchPoint, there: BranchPoint) -> Iterator[str]:
     """The kinds of special points between two points, by their multipliers: keys of `TEST_FUNCTIONS`."""
     turned = here.tangent[-1] * there.tangent[-1] < 0
-    differs = lambda target: distance_from(here, target) * distance_from(there, target) < 0
+
+    def differs(target):
+        return distance_from(here, target) * distance_from(there, target) < 0
+
     if turned or differs(1.0):
         yield "fold" if turned else "branch point"
     if differs(-1.0):

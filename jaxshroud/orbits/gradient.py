@@ -212,7 +212,9 @@ def directional_derivatives(scenes: Scene, power, directions: Scene, power_direc
 
 
 def _directional_derivative(of: Power, scene: Scene, power, direction: Scene, power_direction):
-    quantity = lambda scene, power: _quantity(of, scene, power)
+    def quantity(scene, power):
+        return _quantity(of, scene, power)
+
     return jax.jvp(quantity, (scene, power), (direction, power_direction))[1]
 
 

@@ -73,7 +73,10 @@ def _linear_power_slopes(of: Power, scenes: Scene, directions: Scene, flow, flow
 
 def _linear_levels(measure: str, value, by, row: int) -> tuple[np.ndarray, np.ndarray]:
     """The amplitudes of the blades (blades,), and their derivatives (blades, directions)."""
-    number = lambda name: (np.asarray(getattr(value, name))[0, row], np.asarray(getattr(by, name))[:, row].T)
+
+    def number(name):
+        return (np.asarray(getattr(value, name))[0, row], np.asarray(getattr(by, name))[:, row].T)
+
     (mean, mean_by), (square, square_by) = number("first"), number("second")
     if measure == "mean":
         return mean, mean_by

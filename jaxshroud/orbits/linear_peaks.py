@@ -32,7 +32,9 @@ def linear_peaks(amplitudes: AmplitudesAt, values: np.ndarray, swept: np.ndarray
 
 
 def _linear_peak(amplitudes: AmplitudesAt, layout: Layout, values: np.ndarray, here: np.ndarray, i: int) -> Peak:
-    level = lambda at: counted_amplitude(amplitudes(at), layout)
+    def level(at):
+        return counted_amplitude(amplitudes(at), layout)
+
     fine = values[i - 1 : i + 2]
     of_blades, place = amplitudes(fine), 1
     for _ in range(PEAK_ZOOMS):

@@ -67,7 +67,10 @@ def linear_systems(scenes: Scene, contact: NaturalContact, coordinate: int) -> L
         ((order, load),) = drive_loads(scene).items()
         system, omega = linear_contact(scene, touching_gradients(scene)), scene.drive.frequency(order)
         free = jnp.asarray(free_directions(system.moves, contact, scene.contact.points is None), omega.dtype)
-        diagonal = lambda numbers: jnp.diag(numbers @ free**2)  # no coordinate is in two directions
+
+        def diagonal(numbers):
+            return jnp.diag(numbers @ free**2)  # no coordinate is in two directions
+
         coupling, damping = free.T @ contact_stiffness(system, contact) @ free, diagonal(system.damping)
         if system.coupled is not None:
             coupling = coupling + free.T @ system.coupled.stiffness @ free
@@ -105,5 +108,8 @@ def linear_slopes(
     systems: LinearSystem, mistuning: Float[Array, "n blades"], blade: Int[Array, " n"]
 ) -> Float[Array, "n blades"]:
     """The derivatives of the amplitude of one `blade` of each row (leading axis) by the mistuning of each blade."""
-    amplitude = lambda delta, system, i: linear_amplitudes(system, delta, jnp)[i]
+
+    def amplitude(delta, system, i):
+        return linear_amplitudes(system, delta, jnp)[i]
+
     return jax.vmap(jax.grad(amplitude))(mistuning, systems, blade)

@@ -71,7 +71,9 @@ def _without_copies(peaks: Sequence[Peak]) -> list[Peak]:
 
 
 def _is_copy(one: Peak, other: Peak) -> bool:
-    numbers = lambda peak: np.array([peak.q, peak.value, peak.amplitude])
+    def numbers(peak):
+        return np.array([peak.q, peak.value, peak.amplitude])
+
     return np.allclose(numbers(one), numbers(other), rtol=COPY, atol=0)
 
 

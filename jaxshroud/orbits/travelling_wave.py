@@ -68,8 +68,13 @@ def whole_parts(steps: int, scene: Scene) -> int:
 def _is_tuned(scene: Scene) -> bool:
     """Whether all blades and all interfaces are alike, but for their phases and their initial motion."""
     plain = without_given(scene)
-    alike = lambda a: np.all(np.asarray(a) == np.asarray(a)[..., :1]) if np.ndim(a) else True
-    loads = lambda one: one.amplitudes if isinstance(one, ComplexLoad) else (one.F_x, one.F_y, one.M_0)
+
+    def alike(a):
+        return np.all(np.asarray(a) == np.asarray(a)[..., :1]) if np.ndim(a) else True
+
+    def loads(one):
+        return one.amplitudes if isinstance(one, ComplexLoad) else (one.F_x, one.F_y, one.M_0)
+
     drive = [loads(one) for one in plain.drive.harmonics().values()]
     parts = (plain.mistuned_blades, plain.running_shroud.gap, plain.k, plain.contact.width, plain.friction, drive)
     return all(bool(alike(a)) for a in jax.tree.leaves(parts))

@@ -107,7 +107,10 @@ def _draw_direction_power(panel: Axes, directions: Directions) -> None:
     ds, (values, _, label), _ = directions
     for direction, (_label, color, marker, size) in DIRECTION_STYLES.items():
         lanes, style = ds.sel(direction=direction), {"ms": size + 0.5, "color": color}
-        power = lambda name, of=lanes: np.where(of["status"].to_numpy() == Status.OK, of[name].to_numpy(), np.nan)
+
+        def power(name, of=lanes):
+            return np.where(of["status"].to_numpy() == Status.OK, of[name].to_numpy(), np.nan)
+
         for name in _reductions_in(ds):
             panel.plot(values, power(name), marker, **style | REDUCTIONS[name])
     panel.set(xlabel=label, ylabel="$P_d$ [%]")

@@ -82,7 +82,10 @@ def _draw_profile(panel: Axes, ds: xr.Dataset, key: str, i: int) -> None:
     """How chi^2 rises away from a number, and its interval."""
     least, best, symbol = float(ds.attrs["chi2"]), float(ds["best"][i]), parse_key(key)[0].symbol
     unit, factor = ("%", 100 / abs(best)) if best else parse_key(key)[0].shown
-    away = lambda number: factor * (np.asarray(number) - best)
+
+    def away(number):
+        return factor * (np.asarray(number) - best)
+
     rise = (ds["profile_chi2"][i].to_numpy() - least) / (float(ds.attrs["profile_limit"]) - least)
     panel.axhline(1.0, color=GREY, lw=0.7, ls="--")
     panel.plot(away(ds["profile_at"][i]), rise, color=INK, marker="o", ms=2.2, lw=0.7)

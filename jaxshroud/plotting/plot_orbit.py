@@ -37,7 +37,10 @@ def orbit_page(ds: xr.Dataset, appearance: Appearance) -> Page[MultiplierData]:
         return Page(None, (), title, size, nothing=MANY)
     if not int(ds.attrs["q"]):
         return Page(None, (), title, size, nothing="no periodic orbit was found")
-    complex_of = lambda name: ds[f"{name}_real"].to_numpy() + 1j * ds[f"{name}_imag"].to_numpy()
+
+    def complex_of(name):
+        return ds[f"{name}_real"].to_numpy() + 1j * ds[f"{name}_imag"].to_numpy()
+
     reduced = complex_of("wave_multipliers") if ds.attrs.get("wave_parts") else None
     return Page(MultiplierData(complex_of("multipliers"), reduced), ORBIT_PANELS, title, size, columns=2)
 

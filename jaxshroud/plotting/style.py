@@ -122,7 +122,9 @@ def fit_title(panel: Axes) -> None:
 
 
 def _formula(base: str | None, below: str | None, alone: str | None) -> str:
-    greek = lambda word: rf"\{word}" if re.fullmatch(GREEK, word) else word
+    def greek(word):
+        return rf"\{word}" if re.fullmatch(GREEK, word) else word
+
     return greek(alone) if alone else f"{greek(base or '')}_{{{greek(below or '')}}}"
 
 

@@ -71,5 +71,8 @@ def amplitude_numbers(result: Any, ok: np.ndarray) -> dict[str, float]:
 
 def largest_of_lanes(ok: np.ndarray, quantities: Mapping[str, np.ndarray | None]) -> dict[str, float]:
     """The largest value of each quantity that was kept, of any blade or interface in the lanes that are OK."""
-    counted = lambda a: np.reshape(ok, np.shape(ok) + (1,) * (np.ndim(a) - np.ndim(ok)))
+
+    def counted(a):
+        return np.reshape(ok, np.shape(ok) + (1,) * (np.ndim(a) - np.ndim(ok)))
+
     return {name: float(np.max(a, where=counted(a), initial=0.0)) for name, a in quantities.items() if a is not None}

@@ -134,7 +134,9 @@ class Fit(Result):
         )
 
     def __repr__(self) -> str:
-        ends = lambda n: f"{n.low:.5g} to {n.high:.5g}" if n.is_determined else "not determined"
+        def ends(n):
+            return f"{n.low:.5g} to {n.high:.5g}" if n.is_determined else "not determined"
+
         numbers = ", ".join(f"{key} {n.value:.5g} ({ends(n)})" for key, n in self.numbers.items())
         notes = f"; {'; '.join(self.notes)}" if self.notes else ""
         return (

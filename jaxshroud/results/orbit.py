@@ -280,7 +280,10 @@ def _orbit_row(cycle: "PeriodicOrbit") -> dict[str, Any]:
     start, jacobian = cycle.start, cycle.jacobian
     end = start if jacobian is None else jacobian.end
     size, blades, dtype = len(cycle.multipliers), len(cycle.P), np.asarray(start.u_s).dtype
-    nans = lambda *shape: np.full(shape, np.nan, dtype)
+
+    def nans(*shape):
+        return np.full(shape, np.nan, dtype)
+
     numbers = {name: getattr(cycle, name) for name in (*ORBIT_NUMBERS, "P", "P_0", "multipliers", "flags")}
     return {
         **numbers,

@@ -57,7 +57,10 @@ def sentences_of(result: Any) -> str:
     work = result.loss_friction + result.loss_viscous + dropped - gained  # of the drive, where nothing is stored
     if not work > 0:
         return "The losses are unknown." if np.isnan(work) else "Nothing is lost."
-    share = lambda part: 100 * part / work
+
+    def share(part):
+        return 100 * part / work
+
     friction, viscous = share(result.loss_friction), share(result.loss_viscous)
     told = [f"{friction:.3g} % is lost in friction", f"{viscous:.3g} % in the dampers"]
     if abs(share(dropped)) >= LEAST_TOLD:

@@ -227,7 +227,10 @@ def _amplitudes_of_blades(rows: Sequence[tuple[int, "Peak"]], of: str, blades: i
 
 def _peak_variables(rows: Sequence[tuple[int, "Peak"]], along: str, of: str) -> dict[str, Any]:
     """The variables of all peaks."""
-    field = lambda name: np.array([getattr(peak, name) for _, peak in rows])
+
+    def field(name):
+        return np.array([getattr(peak, name) for _, peak in rows])
+
     place = {"key": along, "units": key_attrs(along)["units"]}
     unit = {"units": unit_of(of)}
     low, high, value = (field(name).astype(float) for name in ("low", "high", "value"))

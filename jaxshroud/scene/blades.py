@@ -66,7 +66,10 @@ class Blades(eqx.Module):
         growths = (self.B_x, self.B_y, self.B_T)
         masses, stiffnesses = (self.m, self.inertia_y, self.I), (self.k_x, self.k_y, self.k_T)
         k = [grown(*numbers, square) for numbers in zip(stiffnesses, growths, masses, strict=True)]
-        places = lambda b: [b.k_x, b.k_y, b.k_T, b.B_x, b.B_y, b.B_T]
+
+        def places(b):
+            return [b.k_x, b.k_y, b.k_T, b.B_x, b.B_y, b.B_T]
+
         return eqx.tree_at(places, self, [*k, None, None, None], is_leaf=lambda part: part is None)
 
     def matrices(self) -> "BladeMatrices | None":

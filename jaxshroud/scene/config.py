@@ -52,7 +52,10 @@ def resolve_derived_inputs(
         SceneError: Two keys give one number, or a value is invalid.
     """
     given = _order_beside_frequency(document, name, overridden, layout)
-    is_set = lambda keys: any(key.parts in overridden for key in keys)
+
+    def is_set(keys):
+        return any(key.parts in overridden for key in keys)
+
     for derived in inputs_in(layout):
         table, number = derived.number.parts
         rows, own = document.get(table), [key for key in derived.keys if inputs_by_key(layout)[key.name] is derived]
@@ -112,7 +115,10 @@ def _scene_value(derived: DerivedInput, values: list[Values], needed: list[Value
     if len(known) < len(derived.needs):
         return derived.number.example
     given = {key.name: v for key, v in zip(derived.keys, values, strict=True)}
-    arrays = lambda part: {key: np.asarray(v if ALL_KEYS[key].pair else v[0]) for key, v in part.items()}
+
+    def arrays(part):
+        return {key: np.asarray(v if ALL_KEYS[key].pair else v[0]) for key, v in part.items()}
+
     return np.asarray(derived.value(arrays(known), arrays(given))).tolist()
 
 

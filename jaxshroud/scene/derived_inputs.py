@@ -145,7 +145,10 @@ def inputs_by_key(layout: Layout) -> Mapping[str, DerivedInput]:
 def inputs_that_count(given: Numbers, layout: Layout, numbers: Container[str]) -> dict[str, Any]:
     """The inputs without those that give nothing, such as a speed without an engine order."""
     by_key, tells_speed = inputs_by_key(layout), needed_order(numbers, given)
-    counts = lambda key: key not in by_key or by_key[key].counts(given) or key in tells_speed
+
+    def counts(key):
+        return key not in by_key or by_key[key].counts(given) or key in tells_speed
+
     return {key: value for key, value in given.items() if counts(key)}
 
 

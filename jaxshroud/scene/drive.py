@@ -287,14 +287,20 @@ class Drive(eqx.Module):
         """The same drive with its phase omega t advanced by `phase` [rad]."""
         if not self._is_own:
             return eqx.tree_at(lambda drive: drive.phase, self, self.phase + phase)
-        phases = lambda drive: [harmonic.phase for harmonic in drive.harmonics().values()]
+
+        def phases(drive):
+            return [harmonic.phase for harmonic in drive.harmonics().values()]
+
         return eqx.tree_at(
             phases, self, [own + n * phase for n, own in zip(self.harmonics(), phases(self), strict=True)]
         )
 
     def scaled(self, factor: float) -> "Drive":
         """The same drive with all forces and moments but mean loads times a `factor`."""
-        loads = lambda drive: [load for one in drive.own_loads() for load in one]
+
+        def loads(drive):
+            return [load for one in drive.own_loads() for load in one]
+
         return eqx.tree_at(loads, self, [load * factor for load in loads(self)])
 
     def own_loads(self) -> Sequence[tuple[Any, ...]]:

@@ -66,8 +66,13 @@ def shown_text(key: Key, value: Any) -> str:
     factor = factor_of(key.unit, key.shown[0])
     assert factor is not None, key
     exact = (Decimal(repr(float(value))) / factor).normalize()
-    text = lambda digits: _written(Context(prec=digits).plus(exact))
-    reads = lambda digits: to_si(key.unit, f"{text(digits)} {key.shown[0]}") == value
+
+    def text(digits):
+        return _written(Context(prec=digits).plus(exact))
+
+    def reads(digits):
+        return to_si(key.unit, f"{text(digits)} {key.shown[0]}") == value
+
     if len(exact.as_tuple().digits) <= ENOUGH_DIGITS:  # as where the factor is a power of ten
         return text(ENOUGH_DIGITS)
     least = 1 if reads(FEW_DIGITS) else FEW_DIGITS + 1

@@ -24,7 +24,10 @@ def retitled(title: str, now: Tables, before: Tables | None, set_: Collection[tu
     if before is None:
         new = {key: value for key, value in rows.items() if key in set_}
     else:
-        old = lambda table, key: before.get(table, {}).get(key, _default_of(table, key))
+
+        def old(table, key):
+            return before.get(table, {}).get(key, _default_of(table, key))
+
         new = {key: value for key, value in rows.items() if old(*key) != value}
     if not new:
         return title

@@ -121,9 +121,15 @@ def _on_host(numbers: Mapping[str, Any]) -> dict[str, Any]:
 
 def _with_leaves(scene: Scene, old: Mapping[str, Any], new: Mapping[str, Any], given: Mapping[str, Any]) -> Scene:
     """The scene with those numbers that are not the old ones, None where there is no longer one, and with inputs."""
-    leaf = lambda value: None if value is None else jnp.asarray(value, scene.drive.omega.dtype)
+
+    def leaf(value):
+        return None if value is None else jnp.asarray(value, scene.drive.omega.dtype)
+
     changed = [key for key in {**old, **new} if new.get(key) is not old.get(key)]
-    places = lambda s: [*(field_of(s, key) for key in changed), s.given]
+
+    def places(s):
+        return [*(field_of(s, key) for key in changed), s.given]
+
     leaves = [*(leaf(new.get(key)) for key in changed), {key: leaf(value) for key, value in given.items()}]
     return eqx.tree_at(places, scene, leaves, is_leaf=lambda part: part is None or part is scene.given)
 

@@ -31,7 +31,10 @@ def amplitude_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict
         return {}
     counted, time = counted_periods(samples, number), math.tau / np.asarray(scenes.drive.omega, float)
     shares = (counted / counted.sum(axis=-1, keepdims=True) / time[:, None])[:, None]
-    by_period = lambda a: np.stack(np.moveaxis(a, -1, 0), axis=1)  # periods side by side: sums are pairwise
+
+    def by_period(a):
+        return np.stack(np.moveaxis(a, -1, 0), axis=1)  # periods side by side: sums are pairwise
+
     mean, square = ([np.sum(shares * by_period(a), axis=-1) for a in moment] for moment in samples.moments)
     highest = [_largest_of(a, counted) for a in samples.extent.highest]
     lowest = [-_largest_of(-a, counted) for a in samples.extent.lowest]
@@ -63,7 +66,10 @@ def _like(counted: np.ndarray, values: np.ndarray) -> np.ndarray:
 def free_amplitudes(scenes: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The amplitudes of x, y and theta without contact, (lanes, blades) each, see `free_reach`."""
     count = len(scenes.drive.omega)
-    chunk = lambda _, lanes: _free_amplitudes(jax.tree.map(lambda a: np.asarray(a)[lanes], scenes))
+
+    def chunk(_, lanes):
+        return _free_amplitudes(jax.tree.map(lambda a: np.asarray(a)[lanes], scenes))
+
     x, y, theta = in_chunks(chunk, count, 1 if count == 1 else LANES_PER_CALL)
     return np.asarray(x, float), np.asarray(y, float), np.asarray(theta, float)
 
@@ -94,8 +100,13 @@ def load_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict[str,
     if samples.forces is None:
         return {}
     period, counted = math.tau / np.asarray(scenes.drive.omega, float)[:, None], counted_periods(samples, number)
-    mean = lambda a: counted_mean(a, counted)
-    largest = lambda a: _largest_of(a, counted)
+
+    def mean(a):
+        return counted_mean(a, counted)
+
+    def largest(a):
+        return _largest_of(a, counted)
+
     N, N_slip, time_slip, slip = map(mean, samples.loads)
     impacts = mean(samples.impacts.number)
     own, mu = scenes.parts.contact == "own", np.asarray(scenes.friction.mu, float).reshape(len(period), -1)

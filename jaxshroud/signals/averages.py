@@ -127,7 +127,10 @@ class VibrationPower(NamedTuple):
 
     def series(self, n: int, P_0: FloatArray, layout: Layout) -> FloatArray:
         """P_d of the vibration in each of the latest `n` periods (lanes, n) [%], about the mean position over all."""
-        latest = lambda a: a[:, a.shape[1] - n :]
+
+        def latest(a):
+            return a[:, a.shape[1] - n :]
+
         x, y, sine, versine = map(latest, self.positions[:4])
         at = self.positions._replace(x=x, y=y, sin=sine, versine=versine)
         square = square_about_mean(latest(self.square)[..., : x.shape[-1]], at)
@@ -183,7 +186,10 @@ def period_reductions(scenes: Scene, samples: Sample, P_0: FloatArray) -> FloatA
 
 def power_series_of(power: FloatArray, P_0: FloatArray, layout: Layout) -> FloatArray:
     """P_d of each period (lanes, n) [%], of the blades that count."""
-    total = lambda a: a[..., layout.counting].sum(axis=-1)
+
+    def total(a):
+        return a[..., layout.counting].sum(axis=-1)
+
     return power_reduction(total(power), total(P_0)[:, None])
 
 
@@ -249,7 +255,10 @@ def closed_forms(scenes: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     They are computed for as many lanes at a time as are marched, so that batches of any size have the same bits.
     """
     count = len(scenes.drive.omega)
-    chunk = lambda _, chunk_lanes: _closed_forms(jax.tree.map(lambda a: np.asarray(a)[chunk_lanes], scenes))
+
+    def chunk(_, chunk_lanes):
+        return _closed_forms(jax.tree.map(lambda a: np.asarray(a)[chunk_lanes], scenes))
+
     return in_chunks(chunk, count, 1 if count == 1 else LANES_PER_CALL)
 
 
@@ -327,7 +336,10 @@ def averages(
 
 def _with_rounding(power: Reduction, unit: float) -> Reduction:
     """The reduction with intervals that are no narrower than the rounding of a march makes them."""
-    of_rounding = lambda P_d: POWER_ROUNDINGS * unit * np.abs(100 - P_d)
+
+    def of_rounding(P_d):
+        return POWER_ROUNDINGS * unit * np.abs(100 - P_d)
+
     return power._replace(
         ci=np.maximum(power.ci, of_rounding(power.P_d)),
         vibration_ci=np.maximum(power.vibration_ci, of_rounding(power.P_d_vibration)),

@@ -105,7 +105,10 @@ def linear_blades(scenes: Scene, i: int) -> LinearBlades:
     """The blades of one of many scenes (leading axis)."""
     b, drive = scenes.running_blades, jax.tree.map(lambda a: np.asarray(a, float)[i], scenes.drive)
     first, mean = drive.harmonics().get(1), drive.harmonics().get(0)
-    stacked = lambda *columns: np.stack([np.asarray(a, float)[i] for a in columns], axis=-1)
+
+    def stacked(*columns):
+        return np.stack([np.asarray(a, float)[i] for a in columns], axis=-1)
+
     moves = np.array([[scenes.parts.has(name, blade) for name in ("x", "y", "theta")] for blade in (0, 1)])
     alpha = float(np.asarray(scenes.shroud.alpha)[i])
     return LinearBlades(
@@ -152,7 +155,10 @@ def first_harmonics(rows: np.ndarray, steps: int, omega: float) -> HarmonicMotio
     wave = np.exp(-1j * omega * interval * np.arange(len(rows)))[:, None, None]
     h = np.full((1, 1, 1, 1), interval)
     displacement = 2j * cubic_mean((q * wave)[None], ((v - 1j * omega * q) * wave)[None], h)[0]
-    gained = lambda a: 2j * (a[-1] - a[0]) / (interval * (len(rows) - 1))
+
+    def gained(a):
+        return 2j * (a[-1] - a[0]) / (interval * (len(rows) - 1))
+
     rate = gained(q) + 1j * omega * displacement
     return HarmonicMotion(displacement, rate, gained(v) + 1j * omega * rate)
 
@@ -161,7 +167,10 @@ def mean_motion(rows: np.ndarray, steps: int, omega: float) -> HarmonicMotion:
     """The means over the same periods of displacements, rates and accelerations."""
     q, v = (np.moveaxis(a.reshape(-1, 3, 2), 1, 2) for a in (rows[:, :6], rows[:, 6:]))
     interval = 2 * np.pi / omega / steps
-    gained = lambda a: (a[-1] - a[0]) / (interval * (len(rows) - 1))
+
+    def gained(a):
+        return (a[-1] - a[0]) / (interval * (len(rows) - 1))
+
     mean = cubic_mean(q[None], v[None], np.full((1, 1, 1, 1), interval))[0]
     return HarmonicMotion(mean, gained(q), gained(v))
 
@@ -205,7 +214,10 @@ def relative_damping_ratio(blades: LinearBlades, stiffness: np.ndarray, damping:
     along that direction: 1 / m_r and 1 / k_r are sums of those of x and y of both blades, weighted by its squared
     cosines; springs between the blades are added to k_r. NaN where k_r + k_eq is not positive.
     """
-    along = lambda a: 1 / (blades.axes**2 @ np.sum(np.where(blades.moves, 1 / a, 0.0), axis=0)[:2])
+
+    def along(a):
+        return 1 / (blades.axes**2 @ np.sum(np.where(blades.moves, 1 / a, 0.0), axis=0)[:2])
+
     with np.errstate(invalid="ignore"):
         k_r = along(blades.k) + blades.axes**2 @ blades.k_between[:2]
         return damping / (2 * np.sqrt((k_r + stiffness) * along(blades.m)))

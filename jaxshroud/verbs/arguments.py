@@ -110,7 +110,10 @@ def names_of(shape: tuple[int, ...], dims: Sequence[str] | None) -> tuple[str, .
 
 def flatten_lanes(tree: Tree, axes: int) -> Tree:
     """A tree of arrays with its leading axes joined into one, or with a new one where it has none."""
-    reshaped = lambda a: np.reshape(np.asarray(a), (-1, *np.shape(a)[axes:]))  # by NumPy: nothing is compiled
+
+    def reshaped(a):
+        return np.reshape(np.asarray(a), (-1, *np.shape(a)[axes:]))  # by NumPy: nothing is compiled
+
     return jax.tree.map(lambda a: jnp.asarray(reshaped(a)), tree)
 
 

@@ -270,7 +270,10 @@ def _motion_values(run: SweepResult, motions: list[SweptMotion], numbers: np.nda
     """The values of each motion, by the names of `Attractors`."""
     groups = [np.flatnonzero(numbers == number) for number in range(numbers.max(initial=-1) + 1)]
     first = [int(group[0]) for group in groups]
-    over = lambda reduce, values: np.array([reduce(np.asarray(values)[group]) for group in groups])
+
+    def over(reduce, values):
+        return np.array([reduce(np.asarray(values)[group]) for group in groups])
+
     counts = over(len, numbers)
     low, high = share_interval(counts, starts)
     period_number = np.asarray(run.period_number)[first]
@@ -297,5 +300,8 @@ def _motion_values(run: SweepResult, motions: list[SweptMotion], numbers: np.nda
 
 def _distances(orbits: list[np.ndarray]) -> np.ndarray:
     """The distance of each motion from the nearest other one; infinite where it is alone."""
-    others = lambda i: (set_distance(orbits[i], orbit) for j, orbit in enumerate(orbits) if j != i)
+
+    def others(i):
+        return (set_distance(orbits[i], orbit) for j, orbit in enumerate(orbits) if j != i)
+
     return np.array([min(others(i), default=np.inf) for i in range(len(orbits))])

@@ -52,7 +52,10 @@ def lines_of_speeds(
         crossings[told] = np.stack(met, axis=-1)
     for values, at in ((frequencies, np.broadcast_to(speeds, frequencies.shape)), (crossings, crossings)):
         values[_excluded(modes, at, pressed)] = np.nan
-    listed = lambda a: tuple(tuple(map(float, row)) for row in a)
+
+    def listed(a):
+        return tuple(tuple(map(float, row)) for row in a)
+
     return SpeedLines(tuple(map(float, speeds)), listed(frequencies), listed(crossings), tuple(pressed))
 
 

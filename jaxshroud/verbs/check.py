@@ -204,7 +204,10 @@ def _relative_amplitudes(free: Amplitudes, alpha: float, interfaces: int) -> tup
     with np.errstate(invalid="ignore"):  # infinity minus infinity
         x, y = ((a - np.roll(a, -1))[:interfaces] for a in (free.x, free.y))
         across, along = x * math.sin(alpha) - y * math.cos(alpha), x * math.cos(alpha) + y * math.sin(alpha)
-    unbounded = lambda a: np.where(np.isnan(a), np.inf, np.abs(a))
+
+    def unbounded(a):
+        return np.where(np.isnan(a), np.inf, np.abs(a))
+
     return unbounded(across), unbounded(along)
 
 

@@ -126,7 +126,10 @@ def _resonance_doubts(sheet: DataSheet) -> Iterator[str]:
         [mode for mode in sheet.modes if mode.contact == contact and mode.driven > LEAST_DRIVEN]
         for contact in ("apart", "stuck")
     )
-    is_free = lambda mode: any(np.isclose(mode.frequency, other.frequency, SAME_FREQUENCY, 0) for other in apart)
+
+    def is_free(mode):
+        return any(np.isclose(mode.frequency, other.frequency, SAME_FREQUENCY, 0) for other in apart)
+
     for modes in (apart, [mode for mode in stuck if not is_free(mode)]):
         for order in sheet.harmonics:
             name = "the drive" if order == 1 else f"harmonic {order} of the drive"

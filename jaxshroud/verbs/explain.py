@@ -93,7 +93,10 @@ def _model_of_contact(scene: Scene) -> Model:
 
 def _trial_sizes(scene: Scene, method: Choices) -> tuple[TrialSize, TrialSize]:
     """The sizes of a trial step of the scene, 0 in closed form, and of the full model."""
-    size = lambda scene: march_of(scene).trial_size(scene, method)
+
+    def size(scene):
+        return march_of(scene).trial_size(scene, method)
+
     full = size(with_parts(scene, Parts()))
     return full if scene.parts == Parts() else size(scene), full
 
@@ -102,7 +105,10 @@ def _advice(scene: Scene) -> Iterator[str]:
     """The parts that could be left out of the model without changing its motion."""
     parts, friction = scene.parts, scene.friction
     touches = parts.contact == "spring"
-    none = lambda a: not np.any(np.asarray(a))  # at any interface
+
+    def none(a):
+        return not np.any(np.asarray(a))  # at any interface
+
     if touches and parts.friction == "bilinear" and (none(friction.mu) or none(friction.k_d)):
         yield 'mu or k_d is 0: [parts] friction = "none" gives the same motion for less'
     if scene.row is None:

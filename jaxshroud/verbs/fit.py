@@ -244,7 +244,9 @@ def _result(
     """The result in SI units."""
     ends = [number.interval for number in profiled]
     nodes = max(len(number.nodes) for number in profiled)
-    padded = lambda values: np.pad(np.asarray(values, float), (0, nodes - len(values)), constant_values=np.nan)
+
+    def padded(values):
+        return np.pad(np.asarray(values, float), (0, nodes - len(values)), constant_values=np.nan)
 
     def place(i: int, u: float) -> float:
         return float(problem.values(np.where(np.arange(len(found.u)) == i, u, found.u)[None])[0, i])

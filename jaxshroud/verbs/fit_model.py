@@ -58,7 +58,10 @@ class ResponseModel:
         del rows  # all frequencies are one batch
         orbits = self._orbits(points)
         values, slopes = orbit_amplitudes_by(orbits, tuple(self.problem.over), self.data.channels)
-        by_point = lambda a: a.reshape(len(points), -1, *a.shape[1:])
+
+        def by_point(a):
+            return a.reshape(len(points), -1, *a.shape[1:])
+
         return by_point(values), by_point(slopes) * self.problem.rates(points)[:, None, None, :]
 
     def curve(self, u: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -69,7 +72,10 @@ class ResponseModel:
     def _orbits(self, points: np.ndarray) -> list[PeriodicOrbit | None]:
         scenes = in_precision(scenes_of(self.problem, self.problem.values(points)), self.aim.method.precision)
         count, first = len(self.data.at), initial_states(scenes)
-        lane = lambda tree, i: jax_lane_arrays(tree, (i,))
+
+        def lane(tree, i):
+            return jax_lane_arrays(tree, (i,))
+
         lanes = range(len(points) * count)
         starts = [self.latest[i % count] if i % count in self.latest else lane(first, i) for i in lanes]
         searches = [settled_orbit(lane(scenes, i), starts[i], self.most_periods, self.aim) for i in lanes]

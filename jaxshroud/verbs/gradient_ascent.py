@@ -129,7 +129,10 @@ def exact_slopes(problem: Problem, u: np.ndarray, tick: Tick) -> tuple[np.ndarra
     designs, rates = problem.values(u), problem.rates(u)
     scenes = in_precision(scenes_of(problem, designs), problem.plan.method.precision)
     n_lanes = len(u) * rows * len(keys)
-    per_key = lambda tree: jax.tree.map(lambda a: np.repeat(np.asarray(a), len(keys), axis=0), tree)
+
+    def per_key(tree):
+        return jax.tree.map(lambda a: np.repeat(np.asarray(a), len(keys), axis=0), tree)
+
     key_directions = [direction(scenes, key) for key in keys]
     scenes = without_given(scenes)
     rate = (np.repeat(rates, rows, axis=0) * np.tile(problem.stretch, (len(u), 1))).ravel()
@@ -254,7 +257,10 @@ def _perturbed_start(scene: Scene, random: np.random.Generator) -> State:
 
 def checks_agree(judgement: DesignJudgement, checks: dict[str, DesignJudgement]) -> bool:
     """Whether every check has the same objective within the intervals, and keeps the limits."""
-    interval = lambda judged: float(np.sqrt(np.nanmean(judged.ci[0] ** 2))) if np.isfinite(judged.ci).any() else 0.0
+
+    def interval(judged):
+        return float(np.sqrt(np.nanmean(judged.ci[0] ** 2))) if np.isfinite(judged.ci).any() else 0.0
+
     for check in checks.values():
         allowed = MAX_DIFFERENCE + interval(judgement) + interval(check)
         if not check.keeps(LIMIT_MARGIN)[0] or not abs(check.objective[0] - judgement.objective[0]) <= allowed:

@@ -274,8 +274,13 @@ def _monte_carlo(row: MistunedRow, drawn: _Drawn) -> dict[str, Any]:
         raise InputError(f"{row.of} of the tuned row is 0, and nothing amplifies it; take another amplitude.")
     level = top.amplitude / top.amplitude[0]
     amplification = np.where(top.whole, level, np.nan)
-    random = lambda a: np.asarray(a)[1 + designs :].reshape(designs, len(drawn.sigmas), -1, *np.shape(a)[1:])
-    of_designs = lambda a: np.asarray(a)[1 : 1 + designs]
+
+    def random(a):
+        return np.asarray(a)[1 + designs :].reshape(designs, len(drawn.sigmas), -1, *np.shape(a)[1:])
+
+    def of_designs(a):
+        return np.asarray(a)[1 : 1 + designs]
+
     amplitude = responses.amplitude.max(axis=-1)
     samples = random(amplification)
     quantiles = np.array(

@@ -176,7 +176,9 @@ def linear_problem(row: MistunedRow, contact: NaturalContact) -> PatternProblem:
         with_numbers(row.scene, [row.along]),
         _systems(grid_of_scenes(row.scene, {row.along: row.values}), contact, row.coordinate),
     )
-    at = lambda values: _systems(scenes_at(numbered, [row.along], values[:, None]), contact, row.coordinate)
+
+    def at(values):
+        return _systems(scenes_at(numbered, [row.along], values[:, None]), contact, row.coordinate)
 
     def respond(patterns: FloatArray) -> RowResponses:
         amplitude = np.stack([linear_amplitudes(everywhere, pattern) for pattern in patterns])
@@ -200,8 +202,13 @@ def _systems(scenes: Scene, contact: NaturalContact, coordinate: int) -> LinearS
 
 def _chunked(f: Callable[..., Any], trees: tuple[Any, ...]) -> Any:
     """`f` of trees of arrays (leading axis) by whole chunks: one program for any number of lanes."""
-    some = lambda lanes: jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[lanes]), trees)
-    chunk = lambda _, lanes: jax.tree.map(np.asarray, f(*some(lanes)))
+
+    def some(lanes):
+        return jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[lanes]), trees)
+
+    def chunk(_, lanes):
+        return jax.tree.map(np.asarray, f(*some(lanes)))
+
     return in_chunks(chunk, len(jax.tree.leaves(trees)[0]), LANES_PER_CALL)
 
 

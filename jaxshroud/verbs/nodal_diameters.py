@@ -84,7 +84,9 @@ def _root_of(wave: Oscillators) -> tuple[complex, np.ndarray]:
 
 
 def _mode(root: complex, shape: np.ndarray, own_damping: np.ndarray, mass: np.ndarray, h: int | None) -> FlowMode:
-    of_shape = lambda matrix: float(np.real(shape.conj() @ matrix @ shape))
+    def of_shape(matrix):
+        return float(np.real(shape.conj() @ matrix @ shape))
+
     zeta, omega = -root.real / abs(root), abs(root)
     of_dampers = of_shape(own_damping) / (2 * omega * of_shape(mass))
     return FlowMode(h, omega / (2 * np.pi), zeta, zeta - of_dampers)

@@ -94,7 +94,10 @@ def orbit(
     march = lanes.march
     tolerance = CLOSING_TOLERANCE[march.method.precision] if tolerance is None else tolerance
     shooting = ShootingOptions(march.steps, tolerance, march.method)
-    result_of = lambda cycles, kept=None: Orbit.of_cycles(cycles, lanes.shape, kept, **lanes.labels)
+
+    def result_of(cycles, kept=None):
+        return Orbit.of_cycles(cycles, lanes.shape, kept, **lanes.labels)
+
     try:
         starts = lanes.with_states(lanes.scenes, state)
         cycles = cycles_of(starts, q, most_periods, shooting, progress, throw or not lanes.shape)
@@ -214,7 +217,9 @@ def lyapunov(
         nan = np.full(len(state_places(lanes.scenes[lane]).all), np.nan)
         return Exponents(nan, nan, np.empty((0, len(nan))), False, status, starts[lane][1])
 
-    result_of = lambda exponents: Lyapunov.of_exponents(exponents, lanes.shape, **lanes.labels)
+    def result_of(exponents):
+        return Lyapunov.of_exponents(exponents, lanes.shape, **lanes.labels)
+
     max_periods = transient_periods + MAX_ALIGNMENT_PERIODS + kept
     try:
         exponents = results_of_all(

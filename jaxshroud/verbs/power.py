@@ -98,7 +98,10 @@ def _summaries(
     residual = np.full(len(series), np.nan) if joined.residual is None else relative_residual(joined)
     kept = amplitude_values(scenes, joined, orbit.number) | load_values(scenes, joined, orbit.number)
     counted = counted_periods(joined, orbit.number)
-    total = lambda a: a.reshape(*a.shape[:2], -1).sum(axis=-1)  # of all interfaces
+
+    def total(a):
+        return a.reshape(*a.shape[:2], -1).sum(axis=-1)  # of all interfaces
+
     kept |= {name: counted_mean(total(getattr(joined, sample)), counted) for name, sample in WORKS.items()}
     kept |= {"final_P_d_vibration": reduction.P_d_vibration, "final_P_d_vibration_ci": reduction.vibration_ci}
     if scenes.row is not None:
@@ -307,7 +310,10 @@ def _power_result(
     """The result of all lanes; curves of convergence are padded to one length."""
     curves = [convergence(summary.series, summary.period_number) for summary in summaries]
     longest = max(len(n) for n, _, _ in curves)
-    padded = lambda values, fill: np.append(values, np.full(longest - len(values), fill, values.dtype))
+
+    def padded(values, fill):
+        return np.append(values, np.full(longest - len(values), fill, values.dtype))
+
     n, P_d, ci = (np.stack([padded(curve[k], fill) for curve in curves]) for k, fill in enumerate((0, np.nan, np.nan)))
     columns = {
         name: np.array([getattr(one, name) for one in summaries])

@@ -280,7 +280,10 @@ def _places(swept: SweepResult, values: np.ndarray, own: float, layout: Layout) 
     lanes = swept.data.sel(direction="independent")
     number, settled = lanes["period_number"].to_numpy(), lanes["settled"].to_numpy() == 1
     unlike = _is_broken(lanes["x_rms"].to_numpy()[:, layout.counting])
-    rank = lambda i: (number[i] == 0, not settled[i], unlike[i], number[i], abs(values[i] - own))
+
+    def rank(i):
+        return (number[i] == 0, not settled[i], unlike[i], number[i], abs(values[i] - own))
+
     order = sorted(range(len(values)), key=rank)
     return [float(values[i]) for i in order[:MAX_TRIED_PLACES]]
 

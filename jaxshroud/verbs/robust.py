@@ -230,7 +230,10 @@ def _without_scatter(problem: Problem) -> Problem:
 def _interval_values(intervals: list[Interval]) -> dict[str, object]:
     """The intervals as arrays; the values tried are padded with NaN to one length."""
     longest = max(len(interval.probes) for interval in intervals)
-    filled = lambda a: np.pad(a, (0, longest - len(a)), constant_values=np.nan)
+
+    def filled(a):
+        return np.pad(a, (0, longest - len(a)), constant_values=np.nan)
+
     return {
         "interval": [interval.ends for interval in intervals],
         "beyond": [interval.beyond for interval in intervals],

@@ -137,7 +137,10 @@ def scatter(
         progress=progress,
         throw=throw,
     )
-    reshaped = lambda a: np.asarray(a).reshape(per_draw, *rows.shape[:2])
+
+    def reshaped(a):
+        return np.asarray(a).reshape(per_draw, *rows.shape[:2])
+
     P_d, P_d_ci, status = reshaped(run.P_d).astype(float), reshaped(run.P_d_ci).astype(float), reshaped(run.status)
     P_d_ci = np.take_along_axis(P_d_ci, np.argmin(P_d, axis=0)[None], axis=0)[0]  # of the least
     stopped, status = int(np.sum(status != Status.OK)), status.max(axis=0)

@@ -145,7 +145,10 @@ def scattering_of(scatters: Mapping[str, Spread], draws: int, seed: int, layout:
 
 def _by_blade(scatters: Mapping[str, Spread], layout: Layout) -> dict[str, Spread]:
     """The scatters with `row.mistuning` by a key for each blade."""
-    each = lambda key: [f"{key}[{i}]" for i in range(layout.blades)] if key in ROW_KEYS else [key]
+
+    def each(key):
+        return [f"{key}[{i}]" for i in range(layout.blades)] if key in ROW_KEYS else [key]
+
     return {one: spread for key, spread in scatters.items() for one in each(key)}
 
 

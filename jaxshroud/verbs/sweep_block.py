@@ -71,7 +71,10 @@ def select_block(tree: Tree, at: Sequence[slice], shape: Sequence[int]) -> Tree:
 def compute_block(task: BlockTask) -> ComputedBlock:
     """Run the lanes of a block."""
     handover = task.handover
-    run = lambda settings: run_sweep(task.grid, task.states, task.direction, settings, handover)
+
+    def run(settings):
+        return run_sweep(task.grid, task.states, task.direction, settings, handover)
+
     data = confirmed_run(run, task.settings).data
     if not task.settings.keep_samples:
         data = data.drop_vars(Motion._fields)

@@ -111,7 +111,10 @@ def run_sweep(
 
 def _duplicated(grid: Grid, runs: Runs) -> tuple[Grid, Runs]:
     """A single lane and its run, each twice: the numbers of a part of a sweep must be rounded like those of many."""
-    double = lambda tree: jax.tree.map(lambda a: np.concatenate([a, a]), tree)
+
+    def double(tree):
+        return jax.tree.map(lambda a: np.concatenate([a, a]), tree)
+
     key, *others = grid.axes
     axes = {key: double(grid.axes[key]), **{other: grid.axes[other] for other in others}}
     lanes, precise, numbers = double((grid.lanes, grid.precise, grid.numbers))
@@ -157,8 +160,13 @@ def _run_grid(
         *grid.shape[len(grid.resolved.shape) :],
     )  # scenes, then the axes of the sweep
     swapped = (shape[1], shape[0], *shape[2:])
-    to_front = lambda tree: jax.tree.map(lambda a: np.moveaxis(np.asarray(a).reshape(*shape, *a.shape[1:]), 1, 0), tree)
-    back = lambda tree: jax.tree.map(lambda a: np.moveaxis(a, 0, 1).reshape(-1, *a.shape[len(shape) :]), tree)
+
+    def to_front(tree):
+        return jax.tree.map(lambda a: np.moveaxis(np.asarray(a).reshape(*shape, *a.shape[1:]), 1, 0), tree)
+
+    def back(tree):
+        return jax.tree.map(lambda a: np.moveaxis(a, 0, 1).reshape(-1, *a.shape[len(shape) :]), tree)
+
     try:
         runs = continued_runs(
             to_front(grid.lanes), swapped, *run_for, to_front(states), direction=direction, relay=handover
@@ -225,7 +233,10 @@ def _lane_numbers(scenes: Scene, runs: Runs, settings: SweepSettings) -> dict[st
     with np.errstate(invalid="ignore", divide="ignore"):
         residual = relative_residual(runs.samples) if settings.plan.method.ledger else None
         dropped = relative_drop(runs.samples) if settings.plan.method.ledger else None
-    told = lambda end, start: (end - start).sum(axis=-1, dtype=np.int32)  # of all interfaces
+
+    def told(end, start):
+        return (end - start).sum(axis=-1, dtype=np.int32)  # of all interfaces
+
     events = jax.tree.map(told, runs.log.counters, runs.before.counters)
     return {
         "motion": runs.samples.motion,
