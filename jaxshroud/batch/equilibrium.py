@@ -86,7 +86,22 @@ def static_equilibria(scenes: Scene) -> Equilibrium:
     Friction is left out: there is none where a slider is set down at rest. Contact is the spring's, of corners or of
     several points.
     """
-    return in_pieces(_least_energy, (friction_free(without_given(scenes)),), NUMBERS_AT_ONCE)
+    scenes = friction_free(without_given(scenes))
+    return of_alike_at_rest(lambda own: in_pieces(_least_energy, (own,), NUMBERS_AT_ONCE), scenes)
+
+
+def of_alike_at_rest(f: Callable[[Scene], Any], scenes: Scene) -> Any:
+    """`f`, which asks for nothing but what is at rest, of scenes (leading axis): once for those that are alike there.
+
+    Those of a sweep over frequencies are, unless numbers depend on the speed.
+    """
+    at_rest = scenes
+    if not scenes.depends_on_speed:
+        at_rest = eqx.tree_at(lambda s: s.drive.omega, scenes, np.ones_like(scenes.drive.omega))
+    numbers = [np.asarray(a, float).reshape(len(a), -1) for a in jax.tree.leaves(at_rest)]
+    _, first, alike = np.unique(np.concatenate(numbers, axis=1), axis=0, return_index=True, return_inverse=True)
+    found = f(jax.tree.map(lambda a: np.asarray(a)[first], scenes))
+    return jax.tree.map(lambda a: a[alike.ravel()], found)
 
 
 def in_pieces(f: Callable[..., Any], trees: tuple[Any, ...], at_once: int) -> Any:

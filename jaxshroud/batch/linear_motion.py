@@ -5,6 +5,7 @@ the static equilibrium, with the sliders where they are put down there. Without 
 neglects terms of the order of the angles, and that contact moves from corner to corner.
 """
 
+from functools import partial
 from typing import Any, Literal, NamedTuple
 
 import jax
@@ -19,6 +20,7 @@ from jaxshroud.batch.equilibrium import (
     directions,
     friction_free,
     in_pieces,
+    of_alike_at_rest,
     position_in,
     springs_of,
     static_equilibria,
@@ -104,7 +106,10 @@ def held_contact(scenes: Scene, state: LinearState) -> HeldContact:
 
     Faces that are asked to stick and that the static equilibrium leaves open are held together: their margin says so.
     """
-    scenes = friction_free(sprung(scenes))
+    return of_alike_at_rest(partial(_held_contact, state=state), friction_free(without_given(sprung(scenes))))
+
+
+def _held_contact(scenes: Scene, state: LinearState) -> HeldContact:
     springs, layout = springs_of(scenes), scenes.layout
     shape = len(scenes.drive.omega), layout.interfaces
     apart = ContactState(
