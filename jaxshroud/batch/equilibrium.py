@@ -18,7 +18,7 @@ from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import FloatArray
 
-NUMBERS_AT_ONCE = 1 << 22  # of the stiffness matrices of lanes that share a program
+NUMBERS_AT_ONCE = 1 << 18  # of the stiffness matrices of lanes that share a program
 PRESSED = Mode.SLIP_PLUS  # of contact without friction
 MOST_CHANGES = 200  # of states of contact in turn
 CHANGES_AT_ONCE = 24  # of which so many change all that is wrong, then one by one, which ends where faces do not turn

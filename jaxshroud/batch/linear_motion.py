@@ -40,7 +40,7 @@ from jaxshroud.scene.scene import Scene, without_given
 
 LinearState = Literal["apart", "stuck"]
 SAMPLES = 128  # of the period of the highest harmonic
-NUMBERS_OF_MOTIONS = 1 << 20  # numbers of the matrices of lanes that share a program
+NUMBERS_OF_MOTIONS = 1 << 18  # numbers of the matrices of lanes that share a program
 
 
 class HeldContact(NamedTuple):
@@ -106,10 +106,10 @@ def held_contact(scenes: Scene, state: LinearState) -> HeldContact:
 
     Faces that are asked to stick and that the static equilibrium leaves open are held together: their margin says so.
     """
-    return of_alike_at_rest(partial(_held_contact, state=state), friction_free(without_given(sprung(scenes))))
+    return of_alike_at_rest(partial(_contact_held_in, state=state), friction_free(without_given(sprung(scenes))))
 
 
-def _held_contact(scenes: Scene, state: LinearState) -> HeldContact:
+def _contact_held_in(scenes: Scene, state: LinearState) -> HeldContact:
     springs, layout = springs_of(scenes), scenes.layout
     shape = len(scenes.drive.omega), layout.interfaces
     apart = ContactState(

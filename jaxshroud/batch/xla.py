@@ -11,10 +11,8 @@ results. With more than some 120 arguments or results it no longer uses vector r
 therefore split: see `stage_groups`.
 """
 
-import gc
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cache, wraps
 from inspect import signature
 from typing import Any
@@ -25,6 +23,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Int
 
+from jaxshroud.cache.garbage import no_garbage_collected
 from jaxshroud.cache.programs import is_traced, kept
 from jaxshroud.march.carry import EachLane
 from jaxshroud.march.method import Choices
@@ -118,19 +117,7 @@ def vmapped(f: Callable, *args: Any) -> Any:
     return lax.optimization_barrier(jax.vmap(f)(*args))
 
 
-@contextmanager
-def _no_garbage_collected() -> Iterator[None]:
-    """Leave garbage for later: tracing makes many objects that stay, and each collection looks at all there are."""
-    collects = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if collects:
-            gc.enable()
-
-
-@_no_garbage_collected()
+@no_garbage_collected()
 def fused(f: Callable, *args: Any) -> Any:
     """Apply `f` to every lane in one kernel; by `jax.vmap` where `f` computes arrays, as user laws may."""
     leaves, tree = jax.tree.flatten(args)

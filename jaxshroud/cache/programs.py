@@ -23,6 +23,7 @@ from jax.core import Tracer
 from jax.experimental import serialize_executable
 
 from jaxshroud.cache import key as keys
+from jaxshroud.cache.garbage import no_garbage_collected
 from jaxshroud.cache.store import ProgramStore, entry_name, lead_jax_into, log, own_folder, reset_jax_cache
 
 _lock = threading.Lock()
@@ -76,6 +77,7 @@ class Prefetch:
             loading = self.loading.pop(name, None)
         return self.load(name) if loading is None else loading.result()
 
+    @no_garbage_collected()
     def _run(self, names: Iterable[str]) -> None:
         for name in names:
             with self.lock:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import jaxshroud
 from jaxshroud.batch.plan import Progress
 from jaxshroud.batch.xla import one_lane
+from jaxshroud.cache.garbage import no_garbage_collected
 from jaxshroud.cli.command_table import COMMANDS
 from jaxshroud.cli.run_options import accuracy_warnings_printed, load_scene, resolve_march
 from jaxshroud.cli.terminal import (
@@ -66,7 +67,7 @@ def import_in_background(modules: Sequence[str]) -> None:
 
 
 def _import_all(modules: Sequence[str]) -> None:
-    with suppress(ImportError):
+    with suppress(ImportError), no_garbage_collected():
         for name in modules:
             import_module(name)
 
