@@ -50,7 +50,6 @@ def sector_blades(scene: Scene) -> int:
 
 def smaller_ring(scene: Scene, blades: int) -> Scene:
     """The ring of the first blades of a scene, or of many, which is marched whole; its speed is that of the scene."""
-
     keys = [key for key, _ in _along_row(scene) if key != "row.mistuning"]
 
     def places(s):
