@@ -9,9 +9,12 @@ import pytest
 import tomli_w
 
 import jaxshroud as js
+from jaxshroud.batch.plan import Plan
+from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.sector import folded
 from jaxshroud.batch.states import initial_states
 from jaxshroud.cli import commands as cli
+from jaxshroud.march.method import choices
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.config import load, parse
 from jaxshroud.scene.sector import sector_blades
@@ -207,3 +210,21 @@ def test_own_rows_are_checked_too():
 def test_check_tells_what_is_not_seen():
     assert any("4 of the 12 blades" in line for line in js.check(by_sector(ring())).advice)
     assert not any("blade i + 4" in line for line in js.check(ring()).advice)
+
+
+def runs_of(scene_file, plan):
+    lane = one_lane(scene_file.scene)
+    return run_lanes(lane, initial_states(lane), plan, lambda _: None)
+
+
+@pytest.mark.parametrize("options", [[], ["contact.points=2"]])
+@pytest.mark.full(but=["options0"])
+def test_lanes_at_their_end_are_those_of_the_whole_ring(options):
+    plan = Plan(1, 2, 60, 0.0, choices(METHOD)._replace(ledger=True, forces=True, amplitudes=True))
+    whole, small = (runs_of(one, plan) for one in (ring(*options), by_sector(ring(*options))))
+    assert jax.tree.structure(whole) == jax.tree.structure(small)
+    for one, other in zip(jax.tree.leaves(whole), jax.tree.leaves(small), strict=True):
+        assert np.shape(one) == np.shape(other)
+    # What is summed over the row; rounding errors of the balance themselves are left out.
+    for name in ("work", "gross", "viscous", "dropped"):
+        np.testing.assert_allclose(getattr(small.samples, name), getattr(whole.samples, name), rtol=1e-11, atol=1e-12)
