@@ -228,3 +228,9 @@ def test_lanes_at_their_end_are_those_of_the_whole_ring(options):
     # What is summed over the row; rounding errors of the balance themselves are left out.
     for name in ("work", "gross", "viscous", "dropped"):
         np.testing.assert_allclose(getattr(small.samples, name), getattr(whole.samples, name), rtol=1e-11, atol=1e-12)
+
+
+def test_patterns_of_mistuning_have_no_sector():
+    how = {"n_periods": 1, "transient": 0, "method": METHOD, "n_patterns": 2}
+    with pytest.raises(InputError, match="row.mistuning differs"):
+        js.mistune(by_sector(ring()), {"drive.omega": [530.0, 540.0]}, **how)
