@@ -232,5 +232,5 @@ def test_lanes_at_their_end_are_those_of_the_whole_ring(options):
 
 def test_patterns_of_mistuning_have_no_sector():
     how = {"n_periods": 1, "transient": 0, "method": METHOD, "n_patterns": 2}
-    with pytest.raises(InputError, match="row.mistuning differs"):
+    with pytest.raises(InputError, match="mistuning differs"):
         js.mistune(by_sector(ring()), {"drive.omega": [530.0, 540.0]}, **how)
