@@ -69,6 +69,7 @@ the first. Interface j is between blades j and j + 1; a ring has N of them, a ch
 | `blades` | number of blades, {MIN_BLADES} to {MAX_BLADES} | | 12 |
 | `closed` | whether it is a ring | `false` | `true` |
 | `mistuning` | one number, a list, or random with a standard deviation | 0 | `{{sigma = 0.03, seed = 1}}` |
+| `sector` | `"auto"`: march a ring [by its sector](row.md#rings-by-their-sector) | `"whole"` | `"auto"` |
 
 What is there per blade is then one number or a list of N, and what is there per interface one number or a list of as
 many as there are interfaces: `gap = ["20 um", "25 um", ...]`. A key names one of them by its number from 0:

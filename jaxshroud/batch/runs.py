@@ -10,6 +10,7 @@ from jaxshroud.batch.marches import march_of, require_march
 from jaxshroud.batch.periods import lanes_per_call
 from jaxshroud.batch.plan import Plan, Runs, Tick, Ticker, completed_runs
 from jaxshroud.batch.sampling import SampleGrid
+from jaxshroud.batch.sector import folded, unfolded_runs, unfolded_trajectories
 from jaxshroud.batch.states import final_states, initial_states
 from jaxshroud.batch.stepped_runs import chunk_by_chunk, select_lanes
 from jaxshroud.batch.stretches import Trajectories
@@ -47,9 +48,13 @@ def run_lanes(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: n
     Raises:
         Interrupted: On Ctrl-C; `done` has the lanes that had ended, and the others with status NOT_RUN.
     """
-    march, scenes = march_of(scenes), without_given(scenes)
+    scenes, states, copies = folded(without_given(scenes), states)
+    march = march_of(scenes)
     arrived = np.zeros(len(scenes.drive.omega), bool) if arrived is None else arrived
-    return march.run(march, scenes, states, plan, ticker, arrived)
+    try:
+        return unfolded_runs(march.run(march, scenes, states, plan, ticker, arrived), copies)
+    except Interrupted as stopped:
+        raise Interrupted(stopped.done and unfolded_runs(stopped.done, copies)) from None
 
 
 def trajectories(scenes: Scene, states: State, grid: SampleGrid, method: Choices, ticker: Tick) -> Trajectories:
@@ -65,8 +70,9 @@ def trajectories(scenes: Scene, states: State, grid: SampleGrid, method: Choices
     Raises:
         Interrupted: On Ctrl-C, without results.
     """
+    scenes, states, copies = folded(scenes, states)
     march = march_of(scenes)
-    return march.trajectories(march, scenes, states, grid, method, ticker)
+    return unfolded_trajectories(march.trajectories(march, scenes, states, grid, method, ticker), copies)
 
 
 def sampled_motions(scenes: Scene, states: State, grid: SampleGrid, method: Choices) -> Motion:

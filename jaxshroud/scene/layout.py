@@ -118,6 +118,7 @@ Neighbour = Literal["blade", "rigid"]
 FrictionPart = Literal["bilinear", "none"]
 ContactPart = Literal["spring", "smooth", "none", "own", "apart", "stuck"]  # "own": the scene has `laws`
 SPRUNG = ("spring", "apart", "stuck")  # contact by springs; the last two are asked to stay in that state
+Sector = Literal["whole", "auto"]  # what of a row is marched, see `Row.sector`
 Start = Literal["motion", "static", "from rest"]  # where a march begins, see `Scene.start`
 
 
@@ -176,6 +177,7 @@ AERO_FORCES = "[aero]"
 COUPLED_WITHOUT_CONTACT = (
     'Coupled blades have no closed form through time: drop `parts.contact` = "none", and give a large shroud.gap.'
 )
+SECTOR_OF_CHAIN = '`row.sector` = "auto" is of closed rings: an open chain does not repeat; drop it.'
 TWO_BLADES = "it reads the state as the 13 numbers of two blades with one slider"
 CAPABILITIES = (
     Capability("`attractors`", "pair so far", "motions are told apart by orbits of two blades with one slider"),

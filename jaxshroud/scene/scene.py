@@ -29,9 +29,11 @@ from jaxshroud.scene.layout import (
     AERO_FORCES,
     COUPLED_WITHOUT_CONTACT,
     OWN_LAWS,
+    SECTOR_OF_CHAIN,
     SPRUNG,
     Layout,
     Parts,
+    Sector,
     Start,
     layout_with,
     misprints,
@@ -125,15 +127,19 @@ class Row(eqx.Module):
     blades: int = eqx.field(static=True)
     closed: bool = eqx.field(static=True)
     mistuning: PerBlade  # relative deviation of the stiffnesses k_x, k_y and k_T of each blade
+    sector: Sector = eqx.field(static=True)  # "auto": a ring is marched by the fewest blades after which it repeats
 
-    def __init__(self, blades: int, closed: Any = False, mistuning: Any = 0.0):
+    def __init__(self, blades: int, closed: Any = False, mistuning: Any = 0.0, sector: Sector = "whole"):
         if not isinstance(blades, int) or isinstance(blades, bool) or not MIN_BLADES <= blades <= MAX_BLADES:
             raise InputError(f"A row has from {MIN_BLADES} to {MAX_BLADES} blades, not {short_repr(blades)}.")
         if not isinstance(closed, bool | np.bool_):
             raise InputError(f"Argument `closed` of a row must be True or False, but is {short_repr(closed)}.")
         if np.ndim(mistuning) > 1:
             raise InputError(f"A row has one mistuning for each blade, but its shape is {np.shape(mistuning)}.")
-        self.blades, self.closed = blades, bool(closed)
+        word_argument("sector", sector, Sector)
+        if sector != "whole" and not closed:
+            raise InputError(SECTOR_OF_CHAIN)
+        self.blades, self.closed, self.sector = blades, bool(closed), sector
         check_number(ROW_KEYS["row.mistuning"], mistuning, self.layout)
         self.mistuning = jnp.full(blades, mistuning, float) if np.ndim(mistuning) == 0 else per_blade(mistuning)
 

@@ -56,11 +56,13 @@ from jaxshroud.scene.layout import (
     ACCURACIES,
     MOTIONS,
     PAIR,
+    SECTOR_OF_CHAIN,
     ContactPart,
     Direction,
     FrictionPart,
     Layout,
     Neighbour,
+    Sector,
     misprints,
     row_layout,
 )
@@ -188,6 +190,10 @@ def _one_per_blade(value: Any, info: Any) -> Any:
     )
 
 
+def _unless_whole(sector: Sector | None) -> Sector | None:
+    return None if sector == "whole" else sector
+
+
 class RowTable(Table):
     """A row of blades in place of the pair."""
 
@@ -198,6 +204,17 @@ class RowTable(Table):
         AfterValidator(_one_per_blade),
         key(MISTUNING.about, {"sigma": 0.03, "seed": 1}, validate_default=True),
     ] = 0.0
+    sector: Annotated[
+        Sector | None,
+        AfterValidator(_unless_whole),
+        key("march a ring by the fewest blades after which it repeats, or whole", "auto"),
+    ] = None
+
+    @model_validator(mode="after")
+    def _is_ring(self) -> "RowTable":
+        if self.sector is not None and not self.closed:
+            raise ValueError(SECTOR_OF_CHAIN)
+        return self
 
     @property
     def layout(self) -> Layout:

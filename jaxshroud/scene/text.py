@@ -38,7 +38,8 @@ def tables_of(scene: Scene) -> dict[str, dict[str, Any]]:
     if type(scene.drive) is not Drive:
         tables["drive"]["own"] = type(scene.drive).__name__  # which no file can name: it is refused there
     if row := scene.row:
-        tables = {"row": {"blades": row.blades, "closed": row.closed, **tables.pop("row")}, **tables}
+        sector = {} if row.sector == "whole" else {"sector": row.sector}
+        tables = {"row": {"blades": row.blades, "closed": row.closed, **sector, **tables.pop("row")}, **tables}
     return {**tables, "parts": {**scene.parts._asdict(), "motion": list(scene.parts.motion)}}
 
 

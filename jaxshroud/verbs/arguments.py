@@ -14,6 +14,7 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import ALL_KEYS, number_shape
 from jaxshroud.scene.layout import NO_CONTACT, require_capability, require_points, require_steps
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.sector import require_sector
 from jaxshroud.scene.text import numbers_of
 from jaxshroud.scene.typed import Tree
 
@@ -64,6 +65,7 @@ def one_scene(verb: str, scene: Scene | SceneFile) -> Scene:
     check_verb(verb, scene)
     scene = scene.scene if isinstance(scene, SceneFile) else scene
     refuse_traced(scene)
+    require_sector(scene)
     shape = np.shape(scene.drive.omega)
     if shape:
         lanes = " x ".join(map(str, shape))

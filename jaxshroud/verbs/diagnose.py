@@ -28,6 +28,7 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.scene import Scene, without_given
+from jaxshroud.scene.sector import whole_ring
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.signals.amplitudes import is_comparable
@@ -108,7 +109,7 @@ def _evidence(scenes: Scene, states: State, march: MarchPlan, transient: int, pr
         plan = replace(plan, transient=0, kept=2 * plan.kept)
     growth = NearbyGrowth(np.nan, np.nan, 0)
     if status == Status.OK:
-        one = partial(_after_a_period, scenes, march, ticker)
+        one = partial(_after_a_period, whole_ring(scenes), march, ticker)  # a sector lacks other patterns
         growth = nearby_growth(states, _sizes(scenes, runs), one, GROWTH_PERIODS)
     return RowEvidence(status, orbit, power, _latest_series(scenes, runs, orbit, P_0), P_0, done, states, growth)
 

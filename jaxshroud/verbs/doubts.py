@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxshroud.results.data_sheet import MOTION_NAMES, DataSheet, NaturalMode
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.sector import asks_for_sector, sector_blades
 
 MAX_CORNER_GAPS = 10.0  # displacement of a free block's corner by its moment alone, over the gap
 MAX_APPROACH_GAPS = 100.0  # of the free faces: the gap is then 1 % of the motion, and contact lasts as without one
@@ -55,7 +56,16 @@ def _torsion_doubts(sheet: DataSheet, scene: Scene) -> Iterator[str]:
 
 
 def advice_on(sheet: DataSheet, scene: Scene) -> Iterator[str]:
-    """What may do better: points for nearly parallel faces of light blocks, where a corner switches from end to end."""
+    """What may do better, and what a march does not see."""
+    yield from _advice_on_points(sheet, scene)
+    if asks_for_sector(scene):
+        n, N = sector_blades(scene), scene.layout.blades
+        unseen = f"motions in which blade i + {n} does not move as blade i are not seen, such as localised ones"
+        yield f'row.sector = "auto" marches {n} of the {N} blades: {unseen}'
+
+
+def _advice_on_points(sheet: DataSheet, scene: Scene) -> Iterator[str]:
+    """Points for nearly parallel faces of light blocks, where a corner switches from end to end."""
     touches_at_corner = scene.parts.contact == "spring" and scene.contact.points is None
     if not touches_at_corner or "theta" not in sheet.coordinates or max(sheet.inertia) > MAX_INERTIA_RATIO:
         return

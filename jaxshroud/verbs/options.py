@@ -18,6 +18,7 @@ from jaxshroud.scene.checks import DEFAULT_TRANSIENT, InputError, count_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.schema import RunTable
+from jaxshroud.scene.sector import require_sector
 from jaxshroud.scene.text import text_of
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.arguments import check_verb, flatten_lanes, leading_axes, names_of
@@ -130,6 +131,7 @@ def resolve_options(
     count_argument("n_periods", n_periods, 1)
     count_argument("transient", transient, 0)
     shape = leading_axes(scenes)
+    require_sector(scenes)
     if isinstance(method, str | float) and not is_tried(scenes) and _is_examined(scenes):
         warnings.warn(str(choice_without_trial(method, True, scenes)), AccuracyWarning, stacklevel=4)
     return ResolvedOptions(scenes, shape, names_of(shape, dims), file, n_periods, transient, asked)
