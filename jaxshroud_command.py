@@ -19,7 +19,7 @@ def main() -> int:
         signal.signal(number, _leave)
     gc.set_threshold(20_000, 20, 20)  # imports and tracing make many objects and little garbage: a sixth of the start
     from jaxshroud.cli.commands import main as run
-    from jaxshroud.io.store import leave_out_packages
+    from jaxshroud.io.left_out import leave_out_packages
 
     leave_out_packages()
     status = run()

@@ -23,32 +23,9 @@ from jax.core import Tracer
 from jax.experimental import serialize_executable
 
 from jaxshroud.cache import key as keys
+from jaxshroud.cache.compiling import compilation
 from jaxshroud.cache.garbage import no_garbage_collected
 from jaxshroud.cache.store import ProgramStore, entry_name, lead_jax_into, log, own_folder, reset_jax_cache
-
-_lock = threading.Lock()
-_running = 0  # compilations, of all threads
-
-
-@contextmanager
-def compilation(begins: bool = True) -> Iterator[None]:
-    """Within, a program is being compiled, if one `begins` to be at all."""
-    _count(begins)
-    try:
-        yield
-    finally:
-        _count(-begins)
-
-
-def _count(more: int) -> None:
-    global _running
-    with _lock:
-        _running += more
-
-
-def is_compiling() -> bool:
-    """Whether any thread of this process compiles a program."""
-    return _running > 0
 
 
 class Prefetch:

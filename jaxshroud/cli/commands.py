@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 
 import jaxshroud
 from jaxshroud.cli.command_table import COMMANDS
-from jaxshroud.cli.computation import failed_pictures
+from jaxshroud.cli.drawing import failed_pictures
 from jaxshroud.cli.option_table import SHARED_OPTIONS, Option
 from jaxshroud.cli.terminal import CommandError, interruptible, is_numerical_failure, one_line
 from jaxshroud.io import files

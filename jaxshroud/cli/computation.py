@@ -19,12 +19,12 @@ from jaxshroud.batch.plan import Progress
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.cache.garbage import no_garbage_collected
 from jaxshroud.cli.command_table import COMMANDS
+from jaxshroud.cli.drawing import draw
 from jaxshroud.cli.run_options import accuracy_warnings_printed, load_scene, resolve_march
 from jaxshroud.cli.terminal import (
     files_written,
     input_errors_at,
     make_directory,
-    one_line,
     print_table,
     progress_bar,
     require_free,
@@ -39,21 +39,7 @@ from jaxshroud.verbs.plan import Trials
 from jaxshroud.version import __version__
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-failed_pictures: list[str] = []  # of this command, with the reasons
-
-
-def draw(figure: Callable[[], "Figure"], *paths: Path) -> None:
-    """Write the picture that `figure` draws to files; where that fails, the command says so at its end."""
-    from jaxshroud.plotting.style import save_figure
-
-    try:
-        save_figure(figure(), *paths)
-    except Exception as error:
-        names = ", ".join(map(str, paths))
-        failed_pictures.append(f"{names}: cannot be drawn ({one_line(error) or type(error).__name__})")
-
+    pass
 
 DATASETS = ("xarray", "h5netcdf")
 STATISTICS = ("scipy.special",)

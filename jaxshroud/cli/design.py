@@ -10,7 +10,8 @@ import numpy as np
 import jaxshroud
 from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Progress
-from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, draw, write_files
+from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, write_files
+from jaxshroud.cli.drawing import draw
 from jaxshroud.cli.run_options import bounds, limits, load_scene, operating_conditions, scatters
 from jaxshroud.cli.terminal import (
     CommandError,

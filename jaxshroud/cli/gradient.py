@@ -5,7 +5,8 @@ import sys
 from typing import Any, cast
 
 from jaxshroud.batch.plan import Progress
-from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_verb, draw
+from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_verb
+from jaxshroud.cli.drawing import draw
 from jaxshroud.cli.terminal import (
     CommandError,
     files_written,

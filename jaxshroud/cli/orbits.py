@@ -14,11 +14,11 @@ from jaxshroud.cli.computation import (
     Computation,
     VerbCall,
     call_verb,
-    draw,
     print_result,
     with_origin,
     write_files,
 )
+from jaxshroud.cli.drawing import draw
 from jaxshroud.cli.terminal import (
     CommandError,
     files_written,

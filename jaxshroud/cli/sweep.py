@@ -14,7 +14,8 @@ import numpy as np
 from jaxshroud.batch.limits import check_size, results_size
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.threads import Interrupted
-from jaxshroud.cli.computation import DATASETS, PICTURES, STATISTICS, draw, import_in_background, with_origin
+from jaxshroud.cli.computation import DATASETS, PICTURES, STATISTICS, import_in_background, with_origin
+from jaxshroud.cli.drawing import draw
 from jaxshroud.cli.option_table import Along, count
 from jaxshroud.cli.projection import print_projection_of_long_run
 from jaxshroud.cli.run_options import accuracy_warnings_printed, load_scene, resolve_march

@@ -11,7 +11,7 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
-from jaxshroud.cache.programs import is_compiling
+from jaxshroud.cache.compiling import is_compiling
 from jaxshroud.io import files
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.checks import InputError, NumericalError, StoreError

@@ -5,7 +5,6 @@ made of blocks, and the digests of all descriptions and of the other arrays. Eac
 digests of its chunks. Each file appears completely or not at all.
 """
 
-import asyncio
 import hashlib
 import io
 import json
@@ -15,14 +14,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from zarr.core.buffer import Buffer
-from zarr.storage import LocalStore
 
 from jaxshroud.io.files import write
-from jaxshroud.whole_file import open_regular, write_whole
+from jaxshroud.whole_file import open_regular
 
 if TYPE_CHECKING:
     import zarr
+
 
 Record = dict[str, np.ndarray]
 Digests = dict[str, bytes]  # file, as a path within the store -> digest
@@ -123,6 +121,8 @@ def arrays_in(store: Path, names: Iterable[str], *, writable: bool = False) -> "
     """The arrays of a store, by their names."""
     import zarr
 
+    from jaxshroud.io.chunk_store import ChunkStore
+
     def opened(name):
         return zarr.open_array(
             ChunkStore(store / name, read_only=not writable), mode="r+" if writable else "r", zarr_format=3
@@ -198,17 +198,3 @@ def group_attributes(group: Path) -> dict[str, object]:
             return dict(json.loads(file.read().decode("utf-8"))["attributes"])
     except (OSError, ValueError, KeyError, TypeError):
         return {}
-
-
-class ChunkStore(LocalStore):
-    """A folder of arrays to which chunks are written whole, without files that a killed process would leave."""
-
-    async def set(self, key: str, value: Buffer) -> None:
-        """Write a file of the store."""
-        await asyncio.to_thread(self.set_sync, key, value)
-
-    def set_sync(self, key: str, value: Buffer) -> None:
-        """Write a file of the store, which the disk need not have at once: its record has a digest of it."""
-        path = self.root / key
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, value.to_bytes(), synced=False)
