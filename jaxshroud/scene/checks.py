@@ -1,9 +1,10 @@
 """The errors of the package, with one-line messages, and the checks of arguments that raise them."""
 
 import difflib
+import json
 from collections.abc import Sequence
 from functools import wraps
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, Literal, NoReturn, TypeVar, get_args
 
 
 class Error(Exception):
@@ -117,3 +118,17 @@ def positive_argument(name: str, value: float) -> None:
     """Raise ValueError unless `value` is a positive, finite number."""
     if not 0 < value < float("inf"):
         raise InputError(f"Argument `{name}` must be a positive number, but is {value}.")
+
+
+def fail(where: str, what: str, kind: type[SceneError] = SceneError) -> NoReturn:
+    """Raise an error with a one-line message."""
+    raise kind(" ".join(f"{where}: {what}".split()))
+
+
+def toml_text(value: object) -> str:
+    """A value as in a file, truncated if it is long."""
+    try:
+        text = json.dumps(value, ensure_ascii=False, default=str)
+    except ValueError:  # Python does not print integers of more than 4,300 digits
+        text = "a number of thousands of digits"
+    return text if len(text) <= 60 else text[:57] + "..."

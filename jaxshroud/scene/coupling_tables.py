@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+from jaxshroud.scene.checks import fail, toml_text
 from jaxshroud.scene.keys import AERO_KEYS, TABLES_IN_ROW
-from jaxshroud.scene.messages import fail, toml_text
 
 COEFFICIENTS = ("L0", "L1", "L_1")  # written as [real, imaginary] in a file
 AN_EXAMPLE = 'e.g. L1 = ["-500 N/m", "-2e3 N/m"]'

@@ -7,11 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxshroud.scene.checks import MAX_VALUES, SceneError
+from jaxshroud.scene.checks import MAX_VALUES, SceneError, toml_text
 from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, check_known, same_quantity
 from jaxshroud.scene.grids import columns_of, scenes_at
 from jaxshroud.scene.keys import ALL_KEYS, Key, Motion, find_key, key_stem
-from jaxshroud.scene.messages import toml_text
 from jaxshroud.scene.optional import require_number
 from jaxshroud.scene.overrides import check_is_no_speed
 from jaxshroud.scene.scene import Scene

@@ -4,9 +4,9 @@ import math
 from collections.abc import Collection, Mapping
 from typing import Any
 
+from jaxshroud.scene.checks import fail, toml_text
 from jaxshroud.scene.coupling_tables import with_own_tables, with_tables_in_row
 from jaxshroud.scene.keys import SINGLE_LOADS
-from jaxshroud.scene.messages import fail, toml_text
 from jaxshroud.scene.optional import A_HARMONIC, harmonic_count, harmonic_forms, require_number, split_harmonics
 from jaxshroud.scene.point_entries import with_listed_places
 from jaxshroud.scene.speed import depends_on_speed, keys_in

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxshroud.scene.checks import fail, toml_text
 from jaxshroud.scene.keys import MAX_ORDER
-from jaxshroud.scene.messages import fail, toml_text
 from jaxshroud.scene.typed import FloatArray
 from jaxshroud.scene.units import to_si
 

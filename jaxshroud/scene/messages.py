@@ -1,15 +1,14 @@
 """The error messages for scene files: one line that names the file, the table, the key and the cure."""
 
-import json
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any, NoReturn
+from typing import Any
 
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from jaxshroud.scene.checks import KeyNameError, SceneError, did_you_mean, hint
+from jaxshroud.scene.checks import KeyNameError, SceneError, did_you_mean, hint, toml_text
 from jaxshroud.scene.file_rules import NO_STIFFNESS
 from jaxshroud.scene.keys import INPUT_KEYS
 from jaxshroud.scene.layout import PAIR
@@ -18,20 +17,6 @@ from jaxshroud.scene.schema import TABLE_MODELS, Table, table_models
 
 UNKNOWN_KEY = "extra_forbidden"  # the type of this error in pydantic
 MISSING_TYPES = ("missing", NO_STIFFNESS)
-
-
-def fail(where: str, what: str, kind: type[SceneError] = SceneError) -> NoReturn:
-    """Raise an error with a one-line message."""
-    raise kind(" ".join(f"{where}: {what}".split()))
-
-
-def toml_text(value: object) -> str:
-    """A value as in a file, truncated if it is long."""
-    try:
-        text = json.dumps(value, ensure_ascii=False, default=str)
-    except ValueError:  # Python does not print integers of more than 4,300 digits
-        text = "a number of thousands of digits"
-    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def problem_text(problem: ErrorDetails) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from jaxshroud.scene.checks import MAX_VALUES
+from jaxshroud.scene.checks import MAX_VALUES, fail, toml_text
 from jaxshroud.scene.coupling_tables import COEFFICIENTS, parts_of_coefficient
 from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, alternative_keys, check_known
 from jaxshroud.scene.file import Axis, SceneFile
@@ -25,7 +25,7 @@ from jaxshroud.scene.keys import (
     without_row,
 )
 from jaxshroud.scene.layout import Layout, layout_with
-from jaxshroud.scene.messages import fail, problem_text, toml_text
+from jaxshroud.scene.messages import problem_text
 from jaxshroud.scene.optional import WITHOUT_EFFECT, require_number
 from jaxshroud.scene.point_entries import no_place
 from jaxshroud.scene.replacing import STIFFNESS_KEYS

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 import xarray as xr
 
-pytestmark = pytest.mark.full
-
 LEFT_OUT = {"dask", "distributed", "pint", "cftime"}  # that xarray would look for
 HEAVY = {"jax", "numpy", "pydantic", "matplotlib", "pandas", "xarray", "rich", "scipy", "pint"}
 # The console script for one list of words after the other; after each its exit status and all that is imported by then.
@@ -104,6 +102,7 @@ def test_words_are_answered_without_what_computes():
     assert not told[-1][1] & HEAVY
 
 
+@pytest.mark.full
 def test_a_stored_run_is_drawn_without_jax(stored, drawn):
     status, packages = drawn["run"]
     assert status == 0
@@ -112,6 +111,7 @@ def test_a_stored_run_is_drawn_without_jax(stored, drawn):
     assert not packages & {"jax", "jaxlib", "equinox", "diffrax", "pydantic", "matplotlib.pyplot", "rich", *LEFT_OUT}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["convergence", "sheet"])
 def test_what_is_stored_is_drawn_without_jax(drawn, name):
     status, packages = drawn[name]
@@ -119,12 +119,14 @@ def test_what_is_stored_is_drawn_without_jax(drawn, name):
     assert not packages & {"jax", "jaxlib", "equinox", "diffrax", "pydantic", "rich"}
 
 
+@pytest.mark.full
 def test_a_data_sheet_is_written_and_drawn_again(computed, drawn):
     commands, out = computed
     assert commands["check --out"][0] == drawn["sheet"][0] == 0
     assert (out / "sheet" / "again.png").stat().st_size > 10_000
 
 
+@pytest.mark.full
 def test_a_simulation_imports_what_it_needs(computed):
     # Control: JAX is seen. A scene of another name ends the command where it would begin to compute.
     status, packages = computed[0]["simulate nothing"]
@@ -137,6 +139,7 @@ def test_a_simulation_imports_what_it_needs(computed):
     assert not packages & {"matplotlib", "diffrax", "optax", "scipy.stats", "pint"}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["check", "explain"])
 def test_what_computes_no_motion_imports_nothing_that_writes(computed, name):
     status, packages = computed[0][name]
@@ -144,6 +147,7 @@ def test_what_computes_no_motion_imports_nothing_that_writes(computed, name):
     assert not packages & {"xarray", "pandas", "h5py", "matplotlib", "diffrax", "scipy", *LEFT_OUT}
 
 
+@pytest.mark.full
 def test_a_run_is_written_without_what_it_does_not_use(computed):
     commands, out = computed
     status, packages = commands["simulate"]
@@ -153,11 +157,13 @@ def test_a_run_is_written_without_what_it_does_not_use(computed):
     assert not packages & {"matplotlib", "diffrax", "optax", "scipy.stats", "scipy.linalg", *LEFT_OUT}
 
 
+@pytest.mark.full
 def test_what_draws_random_numbers_is_not_imported_before_it_draws():
     code = "import sys, jaxshroud; jaxshroud.tune, jaxshroud.report, jaxshroud.scatter; print(*sys.modules)"
     assert not {"scipy.stats", "dask", "pint"} & set(started(code).split())
 
 
+@pytest.mark.full
 def test_what_commands_leave_out_can_still_be_imported(computed):
     commands, _ = computed
     assert commands["afterwards"][1] >= LEFT_OUT - {"cftime"}
@@ -177,11 +183,13 @@ print(float(read("data.nc")["a"].sum()))
 """
 
 
+@pytest.mark.full
 def test_a_notebook_keeps_dask(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert started(IN_A_NOTEBOOK).strip() == "4.0"
 
 
+@pytest.mark.full
 def test_the_package_is_imported_without_jax():
     packages = started("import sys, jaxshroud; print(*sys.modules)").split()
     assert not set(packages) & HEAVY
@@ -205,10 +213,12 @@ print(config.jax_enable_x64, config.jax_compilation_cache_dir, config.jax_persis
     ],
     ids=["the cache of its own", "a given cache", "a given time"],
 )
+@pytest.mark.full
 def test_small_programs_are_cached_wherever_the_cache_is(environment, expected):
     assert started(CACHE, **environment).strip() == expected
 
 
+@pytest.mark.full
 @pytest.mark.full(but=["jaxshroud"])
 @pytest.mark.parametrize("module", ["jaxshroud", "jaxshroud.cli"])
 def test_the_package_runs_as_a_command(module):
@@ -217,6 +227,7 @@ def test_the_package_runs_as_a_command(module):
     assert done.stderr == "nothing: no such file; give a result written by jaxshroud\n"
 
 
+@pytest.mark.full
 def test_a_device_that_is_not_there_is_one_line():
     code = "import sys; from jaxshroud_command import main; sys.exit(main())"
     cuda = os.environ | {"JAX_PLATFORMS": "cuda"}
@@ -225,6 +236,7 @@ def test_a_device_that_is_not_there_is_one_line():
     assert (done.returncode, done.stdout, done.stderr) == (1, "", told)
 
 
+@pytest.mark.full
 def test_a_home_that_cannot_be_written_is_one_line(tmp_path):
     (tmp_path / "file").touch()
     home = str(tmp_path / "file" / "home")
