@@ -76,10 +76,12 @@ def draw(found: dict[str, dict[str, Any]]) -> None:
     with plt.rc_context(STYLE):
         for name, by_model in found.items():
             figure, (power, events) = plt.subplots(1, 2, figsize=(7.0, 2.6), layout="constrained")
-            for model in filter(by_model.get, MODELS):
+            for i, model in enumerate(MODELS):
+                if model not in by_model:
+                    continue
                 one = by_model[model]
                 total = np.sum([*one["events"].values()], axis=0)
-                style = {"color": "#222222", "lw": 1.4} if model == "corner" else {"lw": 0.9}
+                style = {"color": "#222222", "lw": 1.4} if model == "corner" else {"color": f"C{i - 1}", "lw": 0.9}
                 power.plot(one["gamma"], one["P_d"], label=model, **style)
                 events.plot(one["gamma"], total, label=model, **style)
             power.set(xlabel=r"$\gamma = k/k_x$", ylabel="$P_d$ [%]", title=name)
@@ -110,7 +112,7 @@ def table(found: dict[str, dict[str, Any]]) -> str:
                 f"{np.median(total):.1f}",
                 f"{switches:.3g}",
                 f"{one['microseconds']:.0f}",
-                f"{one['microseconds'] / base:.2f}",
+                "" if np.isnan(base) else f"{one['microseconds'] / base:.2f}",
                 f"{error['median']:.0e}, {error['p90']:.0e}",
             ]
             lines.append(f"| {' | '.join(cells)} |")
