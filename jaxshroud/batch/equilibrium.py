@@ -86,8 +86,12 @@ def static_equilibria(scenes: Scene) -> Equilibrium:
     Friction is left out: there is none where a slider is set down at rest. Contact is the spring's, of corners or of
     several points.
     """
-    scenes = friction_free(without_given(scenes))
-    return of_alike_at_rest(lambda own: in_pieces(_least_energy, (own,), NUMBERS_AT_ONCE), scenes)
+    return of_alike_at_rest(least_energy_equilibria, friction_free(without_given(scenes)))
+
+
+def least_energy_equilibria(scenes: Scene) -> Equilibrium:
+    """`static_equilibria` of each of scenes (leading axis) that are without friction already."""
+    return in_pieces(_least_energy, (scenes,), NUMBERS_AT_ONCE)
 
 
 def of_alike_at_rest(f: Callable[[Scene], Any], scenes: Scene) -> Any:

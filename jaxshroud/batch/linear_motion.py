@@ -20,10 +20,10 @@ from jaxshroud.batch.equilibrium import (
     directions,
     friction_free,
     in_pieces,
+    least_energy_equilibria,
     of_alike_at_rest,
     position_in,
     springs_of,
-    static_equilibria,
 )
 from jaxshroud.batch.steady_numbers import SteadyNumbers, least_value, negative, steady_course, steady_extremes
 from jaxshroud.cache.programs import kept
@@ -120,7 +120,7 @@ def _contact_held_in(scenes: Scene, state: LinearState) -> HeldContact:
     if state == "apart":
         q, _ = position_in(scenes, springs, apart, np.zeros((shape[0], 3, layout.blades)))
         return HeldContact(q, *apart, directions(springs, apart), np.ones(shape[0], int))
-    rest = static_equilibria(scenes)
+    rest = least_energy_equilibria(scenes)
     lost = np.any(np.isnan(rest.q), axis=(1, 2))
     is_open = np.equal(rest.contact.mode, Mode.APART).any(axis=-1) | lost[:, None]
     turns = "theta" in scenes.parts.motion and not scenes.points

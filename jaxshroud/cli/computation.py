@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jaxshroud
 from jaxshroud.batch.plan import Progress
@@ -37,9 +37,6 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.plan import Trials
 from jaxshroud.version import __version__
-
-if TYPE_CHECKING:
-    pass
 
 DATASETS = ("xarray", "h5netcdf")
 STATISTICS = ("scipy.special",)
