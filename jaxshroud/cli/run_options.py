@@ -18,8 +18,8 @@ from jaxshroud.scene.layout import KNOW_LINEAR
 from jaxshroud.scene.overrides import axis, size_in_si
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.arguments import check_verb
-from jaxshroud.verbs.asked import Choice, MarchPlan
-from jaxshroud.verbs.linear import in_state
+from jaxshroud.verbs.asked import Asked, Choice, MarchPlan
+from jaxshroud.verbs.linear import default_state, in_state
 from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.plan import Trials, choose_method, plan_march
 
@@ -56,7 +56,7 @@ def resolve_march(
         trials: How methods are tried.
     """
     with input_errors_at(f"{file.name}: [run]"):
-        march = plan_march(_resolved_options(file, options, usual), scenes, usual, **trials)
+        march = plan_march(resolved_options(file, options, usual), scenes, usual, **trials)
     _print_choice(file, scenes, march.tried, options)
     if is_linear(scenes):
         print(f"{file.name}: contact that stays {scenes.parts.contact}, in closed form", file=sys.stderr)
@@ -65,17 +65,22 @@ def resolve_march(
     return march
 
 
+def may_be_in_closed_form(scenes: Scene, asked: Asked, options: argparse.Namespace) -> bool:
+    """Whether the verb may take the closed form of scenes (leading axis) by default, and so chooses how to march."""
+    return options.verb in KNOW_LINEAR and options.linear is None and default_state(scenes, asked) is not None
+
+
 def resolve_method(
     file: SceneFile, scenes: Scene, options: argparse.Namespace, usual: Choices
 ) -> tuple[Choices, Choice | None]:
     """The same without steps, which may be too long, and by the word of the table where it has one."""
     with input_errors_at(f"{file.name}: [run]"):
-        method, choice = choose_method(_resolved_options(file, options, usual), scenes, usual, periods=0)
+        method, choice = choose_method(resolved_options(file, options, usual), scenes, usual, periods=0)
     _print_choice(file, scenes, MarchPlan(0, method, choice).tried, options)
     return method, choice
 
 
-def _resolved_options(file: SceneFile, options: argparse.Namespace, usual: Choices) -> ResolvedOptions:
+def resolved_options(file: SceneFile, options: argparse.Namespace, usual: Choices) -> ResolvedOptions:
     """The options resolved with the file's [run], which has their steps already."""
     for name in CHOSEN_BY_ACCURACY:
         if options.accuracy is not None and getattr(options, name) is not None:

@@ -6,6 +6,7 @@ import numpy as np
 from jaxshroud.batch.equilibrium import Equilibrium, static_equilibria
 from jaxshroud.batch.linear_motion import LinearMotion, LinearState, held_contact, linear_motions, sprung
 from jaxshroud.batch.linear_runs import linear_status
+from jaxshroud.batch.linear_transient import outlasts_transient
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.results.data_sheet import SettledMotion
@@ -34,6 +35,27 @@ def settled_motion(scene: Scene) -> SettledMotion:
     state: LinearState = "apart" if is_apart.all() else "stuck"
     motion = linear_motions(lanes, held_contact(lanes, state))
     return _judgement(state, motion, rest, exact, _rubs(scene))
+
+
+def kept_state(scenes: Scene) -> LinearState | None:
+    """The one state of contact that each of scenes (leading axis) keeps from its start on; None where there is none.
+
+    It is said of scenes that begin in their static equilibrium, the only one, and whose blades do not turn: their
+    settled motion is the closed form, and not nearly.
+    """
+    judged = scenes.start == "static" and scenes.parts.contact == "spring" and "theta" not in scenes.parts.motion
+    if not judged or scenes.blade_matrices is not None:
+        return None
+    lanes: Scene = jax.tree.map(np.asarray, without_given(scenes))
+    rest = static_equilibria(lanes)
+    is_apart = rest.contact.mode == Mode.APART
+    if np.any(rest.found != 1) or (is_apart.any() and not is_apart.all()):
+        return None
+    state: LinearState = "apart" if is_apart.all() else "stuck"
+    held = held_contact(lanes, state)
+    motion = linear_motions(lanes, held)
+    keeps = np.all(linear_status(motion) == Status.OK) and np.all(outlasts_transient(lanes, held, motion))
+    return state if keeps else None
 
 
 def _rubs(scene: Scene) -> bool:
