@@ -9,7 +9,7 @@ pytestmark = pytest.mark.studies
 
 @pytest.mark.parametrize(("layout", "state"), [("pairs", "stuck"), ("chains", "apart")])
 def test_marches_settle_to_the_closed_form(layout, state):
-    told = linear_answers.compared(layout, state, 11, 6)
+    told = linear_answers.compared(layout, state, 12, 6)
     assert told["claimed"] > 0
     assert told["claimed and left"] == 0
     assert told["difference"] < linear_answers.AGREES
