@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from contextlib import contextmanager
 from typing import Unpack
 
+import numpy as np
+
 from jaxshroud.batch.linear_motion import is_linear
 from jaxshroud.cli.terminal import CommandError, input_errors_at
 from jaxshroud.io.lane_status import AccuracyWarning
@@ -16,12 +18,13 @@ from jaxshroud.scene.config import load
 from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.scene.layout import KNOW_LINEAR
 from jaxshroud.scene.overrides import axis, size_in_si
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.verbs.arguments import check_verb
 from jaxshroud.verbs.asked import Asked, Choice, MarchPlan
 from jaxshroud.verbs.linear import default_state, in_state
 from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.plan import Trials, choose_method, plan_march
+from jaxshroud.verbs.settled import settling_periods
 
 METHOD_OPTIONS = ("tableau", "order", "step_tolerance", "locate", "precision")
 CHOSEN_BY_ACCURACY = ("steps_per_period", *METHOD_OPTIONS)
@@ -62,7 +65,21 @@ def resolve_march(
         print(f"{file.name}: contact that stays {scenes.parts.contact}, in closed form", file=sys.stderr)
     elif march.tried is None and scenes.parts.contact != "none":
         _print_steps(file, scenes, march)
+    if not is_linear(scenes) and options.verb in KNOW_LINEAR:
+        _print_settling(file, scenes)
     return march
+
+
+def _print_settling(file: SceneFile, scenes: Scene) -> None:
+    """Say how long free vibration takes to die out, where the transient is shorter."""
+    needed = settling_periods(without_given(scenes))
+    if not needed > file.run.transient:  # nor NaN
+        return
+    dies = f"dies out to a thousandth in {needed:.0f} periods" if np.isfinite(needed) else "never dies out"
+    print(
+        f"{file.name}: what contact does not damp {dies}; {file.run.transient} are discarded",
+        file=sys.stderr,
+    )
 
 
 def may_be_in_closed_form(scenes: Scene, asked: Asked, options: argparse.Namespace) -> bool:

@@ -14,6 +14,8 @@ from jaxshroud.scene.layout import SPRUNG
 from jaxshroud.scene.preload import is_preloaded
 from jaxshroud.scene.scene import Scene, without_given
 
+DIED_OUT = 1e-3  # of a free vibration
+
 
 def has_settled_motion(scene: Scene) -> bool:
     """Whether it is judged: of lumped blades with located contact that are loaded at rest, or begin there."""
@@ -56,6 +58,29 @@ def kept_state(scenes: Scene) -> LinearState | None:
     motion = linear_motions(lanes, held)
     keeps = np.all(linear_status(motion) == Status.OK) and np.all(outlasts_transient(lanes, held, motion))
     return state if keeps else None
+
+
+def settling_periods(scenes: Scene) -> float:
+    """The drive periods in which the slowest free vibration of scenes (leading axis) falls to `DIED_OUT`.
+
+    It is inf where a coordinate is not damped, and NaN for blades by matrices.
+    """
+    if scenes.blade_matrices is not None:
+        return float("nan")
+    blades, motion = scenes.mistuned_blades, scenes.parts.motion
+    numbers = {
+        "x": (blades.m, blades.c_x, blades.k_x),
+        "y": (blades.inertia_y, blades.c_y, blades.k_y),
+        "theta": (blades.I, blades.c_T, blades.k_T),
+    }
+    omega = np.asarray(scenes.drive.omega, float)[:, None]
+    slowest = np.inf
+    for name in motion:
+        m, c, k = (np.asarray(a, float) for a in numbers[name])
+        damping, square = c / (2 * m), k / m
+        creeps = np.sqrt(np.maximum(damping**2 - square, 0.0))
+        slowest = min(slowest, float(np.min((damping - creeps) / omega)))
+    return float(-np.log(DIED_OUT) / (2 * np.pi * slowest)) if slowest > 0 else np.inf
 
 
 def _rubs(scene: Scene) -> bool:

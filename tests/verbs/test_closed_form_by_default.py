@@ -7,7 +7,9 @@ import pytest
 import jaxshroud as js
 from jaxshroud.batch.linear_motion import held_contact, linear_motions
 from jaxshroud.batch.linear_transient import outlasts_transient
+from jaxshroud.scene.scene import without_given
 from jaxshroud.verbs.linear import default_state
+from jaxshroud.verbs.settled import settling_periods
 
 STUCK = [
     "shroud.gap=-0.4 mm",
@@ -121,3 +123,15 @@ def test_nothing_that_moves_has_no_peak():
     scene = js.load("table1", [*STUCK, "drive.beta=90 deg"]).scene
     found = js.response(scene, "drive.omega", 100.0, 200.0, num=9, of="theta_peak", linear="stuck", **SHORT)
     assert not found.peaks
+
+
+def test_how_long_free_vibration_takes_to_die_out():
+    scene = js.load("table1", ['parts.motion=["x"]', "blades.c_x=0.3", "drive.omega=1000"]).scene
+    rate = 0.3 / (2 * 0.08)
+    lanes = jax.tree.map(lambda a: np.asarray(a)[None], without_given(scene))
+    assert settling_periods(lanes) == pytest.approx(np.log(1e3) / rate * 1000 / (2 * np.pi))
+    still = jax.tree.map(lambda a: np.asarray(a)[None], without_given(js.vary(scene, "blades.c_x", 0.0)))
+    assert settling_periods(still) == np.inf
+    creep = jax.tree.map(lambda a: np.asarray(a)[None], without_given(js.vary(scene, "blades.c_x", 1000.0)))
+    slow = np.min(np.abs(np.roots([0.08, 1000.0, 1e5])))  # the slower of two decays
+    assert settling_periods(creep) == pytest.approx(np.log(1e3) / slow * 1000 / (2 * np.pi))
