@@ -6,7 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.linear_motion import LinearMotion, LinearState, held_contact, linear_motions
+from jaxshroud.batch.linear_motion import LinearMotion, LinearState
+from jaxshroud.batch.linear_sector import settled_linear_motions
 from jaxshroud.batch.march_protocol import March
 from jaxshroud.batch.periods import Sample
 from jaxshroud.batch.plan import Plan, Runs, Tick, run_log
@@ -45,7 +46,7 @@ def settled_runs(march: March, scenes: Scene, states: State, plan: Plan, ticker:
     """The runs of lanes (leading axis) whose contact stays in one state; a settled motion has no start."""
     del march, states, arrived
     state = cast(LinearState, scenes.parts.contact)
-    motion = linear_motions(scenes, held_contact(scenes, state))
+    motion = settled_linear_motions(scenes)
     status = linear_status(motion)
     ticker(len(status) * (plan.transient + plan.kept))
     samples = _sample(scenes, motion, state, plan.method)
@@ -69,7 +70,7 @@ def _ended(scenes: Scene, samples: Sample, motion: LinearMotion, status: np.ndar
 
 def linear_amplitude_values(scenes: Scene, of: str) -> np.ndarray:
     """An amplitude, such as "x_peak", of scenes (leading axis), (lanes, blades); NaN where the state is not kept."""
-    motion = linear_motions(scenes, held_contact(scenes, cast(LinearState, scenes.parts.contact)))
+    motion = settled_linear_motions(scenes)
     name, _, measure = of.partition("_")
     row = COORDINATES.index(name)
     mean, square, high, low = (

@@ -36,7 +36,9 @@ def folded(scenes: Scene, states: State) -> Folded:
     """Lanes (leading axis) as they are marched: by their sector, where that is asked for and the states repeat so."""
     if not asks_for_sector(scenes):
         return Folded(scenes, states, 1)
-    blades, n = scenes.layout.blades, scenes.layout.blades if is_linear(scenes) else sector_blades(scenes)
+    if is_linear(scenes):  # closed forms are folded themselves
+        return Folded(scenes, states, 1)
+    blades, n = scenes.layout.blades, sector_blades(scenes)
     if n == blades or not _repeat_after(n, states):
         return Folded(whole_ring(scenes), states, 1)
     return Folded(smaller_ring(scenes, n), jax.tree.map(lambda a: a[:, :n], states), blades // n)

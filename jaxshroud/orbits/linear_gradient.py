@@ -6,8 +6,9 @@ from typing import cast
 import jax
 import numpy as np
 
-from jaxshroud.batch.linear_motion import LinearState, held_contact, linear_flow, linear_tangents
+from jaxshroud.batch.linear_motion import LinearState, held_contact, linear_flow
 from jaxshroud.batch.linear_runs import linear_status
+from jaxshroud.batch.linear_sector import settled_linear_tangents
 from jaxshroud.batch.linear_transient import linear_multipliers
 from jaxshroud.batch.tangents import direction
 from jaxshroud.batch.xla import one_lane, repeat_lane
@@ -34,7 +35,7 @@ def linear_gradient(scene: Scene, wrt: Sequence[str], of: Quantity, steps: int, 
     """
     lane = one_lane(without_given(scene))
     directions = jax.tree.map(lambda *a: np.stack(a), *(direction(scene, key) for key in wrt))
-    value, by = linear_tangents(lane, directions, len(wrt))
+    value, by = settled_linear_tangents(lane, directions, len(wrt))
     status = int(linear_status(value)[0])
     if status != Status.OK:
         raise NumericalError(f"The closed form of contact that stays {scene.parts.contact} does not hold here.")

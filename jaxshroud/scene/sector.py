@@ -60,6 +60,21 @@ def smaller_ring(scene: Scene, blades: int) -> Scene:
     return _with_row(fewer, Row(blades, True), scene.row.mistuning[..., :blades])
 
 
+def sector_ring(scene: Scene) -> tuple[Scene, int]:
+    """The ring by which a scene, or many, is to be marched, and how many copies of it make the whole one."""
+    if not asks_for_sector(scene):
+        return scene, 1
+    blades = scene.layout.blades
+    n = sector_blades(scene)
+    return (whole_ring(scene), 1) if n == blades else (smaller_ring(scene, n), blades // n)
+
+
+def repeats_after(scene: Scene, blades: int) -> bool:
+    """Whether all numbers along the row, phases too, repeat after so many blades."""
+    numbers = (np.asarray(value) for _, value in _along_row(scene))
+    return all(np.array_equal(a, np.roll(a, -blades, axis=-1)) for a in numbers)
+
+
 def whole_ring(scene: Scene) -> Scene:
     """The same scene, or many, marched whole."""
     row = scene.row

@@ -9,7 +9,8 @@ import numpy as np
 
 from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.flows import as_differentiable
-from jaxshroud.batch.linear_motion import is_linear, linear_flow, linear_tangents
+from jaxshroud.batch.linear_motion import is_linear, linear_flow
+from jaxshroud.batch.linear_sector import settled_linear_tangents
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.states import initial_states, to_vector
 from jaxshroud.batch.tangents import direction, end_as_start, run_flow, without_direction
@@ -139,7 +140,7 @@ def exact_slopes(problem: Problem, u: np.ndarray, tick: Tick) -> tuple[np.ndarra
     directions = jax.tree.map(lambda *a: np.stack(a, axis=1).reshape(-1, *a[0].shape[1:]), *key_directions)
     directions = jax.tree.map(lambda a: (a * rate.reshape(-1, *[1] * (a.ndim - 1))).astype(a.dtype), directions)
     if is_linear(scenes):
-        ends = linear_tangents(scenes, directions, len(keys))
+        ends = settled_linear_tangents(scenes, directions, len(keys))
         tick(n_lanes * (plan.transient + plan.kept))
         own = per_key(scenes)
         slope = _reduction_slopes(problem, Dual(own, directions), Dual(*(linear_flow(end, own) for end in ends)))

@@ -13,6 +13,7 @@ from jaxshroud.results.data_sheet import SettledMotion
 from jaxshroud.scene.layout import SPRUNG
 from jaxshroud.scene.preload import is_preloaded
 from jaxshroud.scene.scene import Scene, without_given
+from jaxshroud.scene.sector import sector_ring
 
 DIED_OUT = 1e-3  # of a free vibration
 
@@ -26,7 +27,7 @@ def has_settled_motion(scene: Scene) -> bool:
 
 def settled_motion(scene: Scene) -> SettledMotion:
     """The judgement of a scene."""
-    lanes: Scene = jax.tree.map(np.asarray, one_lane(without_given(sprung(scene))))
+    lanes, _ = sector_ring(jax.tree.map(np.asarray, one_lane(without_given(sprung(scene)))))
     rest = static_equilibria(lanes)
     is_apart = rest.contact.mode == Mode.APART
     exact = "theta" not in scene.parts.motion

@@ -234,3 +234,25 @@ def test_patterns_of_mistuning_have_no_sector():
     how = {"n_periods": 1, "transient": 0, "method": METHOD, "n_patterns": 2}
     with pytest.raises(InputError, match="mistuning differs"):
         js.mistune(by_sector(ring()), {"drive.omega": [530.0, 540.0]}, **how)
+
+
+PRESSED = ["shroud.gap=-0.4 mm", "drive.F_0=2", "drive.M_0=0", "friction.mu=0.9", "initial.start=static"]
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("options", [[], ['parts.motion=["x","y","theta"]', "contact.points=2"]], ids=["x", "turns"])
+def test_a_closed_form_is_that_of_the_whole_ring(options):
+    whole, sector = (
+        load("row_ring12", [*ALONG_X, *PRESSED, *options, *more]).scene for more in ([], ["row.sector=auto"])
+    )
+    found, one = (
+        js.power(scene, n_periods=2, transient=0, linear="stuck", amplitudes=True, forces=True)
+        for scene in (sector, whole)
+    )
+    for name in ("final_P", "x_peak", "N_max", "F_max"):
+        np.testing.assert_allclose(found.data[name], one.data[name], rtol=1e-10)
+    # The gap moves all blades alike; the force on one blade does not, and is that of the whole ring.
+    keys = ["shroud.gap", "friction.k_d", "drive.F_0[3]"]
+    slopes, of_one = (js.gradient(scene, keys, of="P", linear="stuck").value for scene in (sector, whole))
+    for key in keys:
+        np.testing.assert_allclose(slopes[key], of_one[key], rtol=1e-8, atol=1e-12 * abs(slopes["friction.k_d"]))

@@ -1,0 +1,44 @@
+"""Linear motions of scenes; of rings that are marched by their sector, those of the smaller ring, repeated."""
+
+from typing import cast
+
+import jax
+import numpy as np
+
+from jaxshroud.batch.linear_motion import (
+    LinearMotion,
+    LinearState,
+    held_contact,
+    linear_motions,
+    linear_tangents,
+)
+from jaxshroud.scene.scene import Scene, without_given
+from jaxshroud.scene.sector import repeats_after, sector_ring, smaller_ring
+
+
+def settled_linear_motions(scenes: Scene) -> LinearMotion:
+    """The motions of scenes (leading axis) whose contact is asked to stay in one state."""
+    ring, copies = sector_ring(without_given(scenes))
+    motion = linear_motions(ring, held_contact(ring, cast(LinearState, scenes.parts.contact)))
+    return _repeated(motion, copies)
+
+
+def settled_linear_tangents(scenes: Scene, along: Scene, repeats: int) -> tuple[LinearMotion, LinearMotion]:
+    """The motions of scenes (leading axis), each so often, and their derivatives along as many directions.
+
+    A direction along which the sectors become unlike is one of the whole ring.
+    """
+    ring, copies = sector_ring(without_given(scenes))
+    if copies > 1 and not repeats_after(along, ring.layout.blades):
+        ring, copies = without_given(scenes), 1
+    if copies > 1:
+        along = smaller_ring(along, ring.layout.blades)
+    value, slopes = linear_tangents(ring, along, repeats)
+    return _repeated(value, copies), _repeated(slopes, copies)
+
+
+def _repeated(motion: LinearMotion, copies: int) -> LinearMotion:
+    """The motion of so many copies of a ring as one: the last axis is that of blades or interfaces."""
+    if copies == 1:
+        return motion
+    return jax.tree.map(lambda a: np.tile(a, (*[1] * (np.ndim(a) - 1), copies)), motion)
