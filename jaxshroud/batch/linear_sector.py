@@ -13,14 +13,14 @@ from jaxshroud.batch.linear_motion import (
     linear_tangents,
 )
 from jaxshroud.scene.scene import Scene, without_given
-from jaxshroud.scene.sector import repeats_after, sector_ring, smaller_ring
+from jaxshroud.scene.sector import has_period_of_blades, sector_ring, smaller_ring
 
 
 def settled_linear_motions(scenes: Scene) -> LinearMotion:
     """The motions of scenes (leading axis) whose contact is asked to stay in one state."""
     ring, copies = sector_ring(without_given(scenes))
     motion = linear_motions(ring, held_contact(ring, cast(LinearState, scenes.parts.contact)))
-    return _repeated(motion, copies)
+    return _copied(motion, copies)
 
 
 def settled_linear_tangents(scenes: Scene, along: Scene, repeats: int) -> tuple[LinearMotion, LinearMotion]:
@@ -29,15 +29,15 @@ def settled_linear_tangents(scenes: Scene, along: Scene, repeats: int) -> tuple[
     A direction along which the sectors become unlike is one of the whole ring.
     """
     ring, copies = sector_ring(without_given(scenes))
-    if copies > 1 and not repeats_after(along, ring.layout.blades):
+    if copies > 1 and not has_period_of_blades(along, ring.layout.blades):
         ring, copies = without_given(scenes), 1
     if copies > 1:
         along = smaller_ring(along, ring.layout.blades)
     value, slopes = linear_tangents(ring, along, repeats)
-    return _repeated(value, copies), _repeated(slopes, copies)
+    return _copied(value, copies), _copied(slopes, copies)
 
 
-def _repeated(motion: LinearMotion, copies: int) -> LinearMotion:
+def _copied(motion: LinearMotion, copies: int) -> LinearMotion:
     """The motion of so many copies of a ring as one: the last axis is that of blades or interfaces."""
     if copies == 1:
         return motion

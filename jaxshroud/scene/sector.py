@@ -69,7 +69,7 @@ def sector_ring(scene: Scene) -> tuple[Scene, int]:
     return (whole_ring(scene), 1) if n == blades else (smaller_ring(scene, n), blades // n)
 
 
-def repeats_after(scene: Scene, blades: int) -> bool:
+def has_period_of_blades(scene: Scene, blades: int) -> bool:
     """Whether all numbers along the row, phases too, repeat after so many blades."""
     numbers = (np.asarray(value) for _, value in _along_row(scene))
     return all(np.array_equal(a, np.roll(a, -blades, axis=-1)) for a in numbers)
