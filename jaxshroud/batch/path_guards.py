@@ -163,7 +163,7 @@ def _next_case(now: Placed) -> np.ndarray:
     off = np.where(now.at.end_torques[:, 1] > -now.at.end_torques[:, 0], np.where(higher, 2, 1), 4 - higher)
     turn = np.where(case <= 2, -now.at.turn, now.at.turn)
     apart = np.equal(now.contact.mode[:, 0], Mode.APART)
-    at_corner = np.where(apart | (turn <= STATE_ROUNDING * now.size), natural, FLAT)
+    at_corner = np.where(apart | (turn < -STATE_ROUNDING * now.size), natural, FLAT)
     return np.where(np.equal(case, FLAT) & ~apart, off, at_corner)
 
 
