@@ -6,7 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.linear_motion import LinearMotion, LinearState, held_contact, linear_motions
+from jaxshroud.batch.held_contact import LinearState, held_contact
+from jaxshroud.batch.linear_motion import LinearMotion, linear_motions
 from jaxshroud.batch.march_protocol import March
 from jaxshroud.batch.periods import Sample
 from jaxshroud.batch.plan import Plan, Runs, Tick, run_log

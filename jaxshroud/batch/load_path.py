@@ -29,17 +29,18 @@ from jaxshroud.batch.equilibrium import (
     passed_on,
     position_in,
     springs_of,
+    static_equilibria,
     unbalanced,
 )
 from jaxshroud.batch.path_guards import (
-    Placed,
     PathGuards,
+    Placed,
     Rubbing,
     friction_of,
     leaving,
     path_guards,
     sliders_at,
-    state_after,
+    contact_after,
 )
 from jaxshroud.model.modes import Mode
 from jaxshroud.scene.scene import Scene, without_given
@@ -75,16 +76,21 @@ def loaded_equilibria(scenes: Scene) -> Equilibrium:
     return of_alike_at_rest(_in_pieces, without_given(scenes))
 
 
+def start_equilibria(scenes: Scene) -> Equilibrium:
+    """The equilibria in which scenes (leading axis) with a static start begin, see `Scene.start`."""
+    return loaded_equilibria(scenes) if scenes.start == "from rest" else static_equilibria(scenes)
+
+
 def _in_pieces(scenes: Scene) -> Equilibrium:
-    return in_pieces(_loaded, (scenes,), NUMBERS_AT_ONCE)
+    return in_pieces(_loaded_piece, (scenes,), NUMBERS_AT_ONCE)
 
 
-def _loaded(scenes: Scene) -> Equilibrium:
+def _loaded_piece(scenes: Scene) -> Equilibrium:
     springs = springs_of(scenes)
     if scenes.parts.contact == "none":
         return equilibria_under(springs, scenes)
     unloaded = equilibria_under(springs._replace(load=0 * springs.load), friction_free(scenes))
-    contact, rubbing = _begun(unloaded, scenes), [friction_of(scenes, i) for i in range(len(unloaded.q))]
+    contact, rubbing = _unloaded_state(unloaded, scenes), [friction_of(scenes, i) for i in range(len(unloaded.q))]
     walks = [_path(_lane(contact, i), unloaded.q[i], rubbing[i]) for i in range(len(rubbing))]
     ends = _walked(walks, scenes, springs)
     followed = np.array([end is not None for end in ends])
@@ -94,7 +100,7 @@ def _loaded(scenes: Scene) -> Equilibrium:
     return equilibrium_at(springs, state, contact_at(scenes, q, state), q, followed)
 
 
-def _begun(unloaded: Equilibrium, scenes: Scene) -> ContactState:
+def _unloaded_state(unloaded: Equilibrium, scenes: Scene) -> ContactState:
     """The state of contact without loads: what is pressed sticks, where there is friction."""
     rubs = np.stack([friction_of(scenes, i).rubs for i in range(len(unloaded.q))])
     pressed = np.where(rubs, Mode.STICK, Mode.SLIP_PLUS)
@@ -111,7 +117,8 @@ def _lane(tree, i: int):
 
 def _walked(walks: list[Walk], scenes: Scene, springs: Springs) -> list[Placed | None]:
     """The ends of the paths of lanes; what they ask for in turn is found for all at once."""
-    trials, ends = [next(walk) for walk in walks], [None] * len(walks)
+    trials: list[Trial] = [next(walk) for walk in walks]
+    ends: list[Placed | None] = [None] * len(walks)
     going = set(range(len(walks)))
     while going:
         answers = _answers(trials, scenes, springs)
@@ -137,9 +144,9 @@ def _answers(trials: list[Trial], scenes: Scene, springs: Springs) -> list[Place
     rate = displacements_under(np.where(springs.moves, springs.load, 0.0), springs, contact, at)
     passed = passed_on(springs, contact, unbalanced(loaded, at, q))
     at = at._replace(end_torques=at.end_torques + passed[..., None])
-    found = np.isfinite(q).all(axis=(1, 2)) & np.isfinite(rate).all(axis=(1, 2))
+    found: np.ndarray = np.asarray(np.isfinite([q, rate])).all(axis=(0, 2, 3))
     placed = [Placed(float(share[i]), q[i], rate[i], trial.contact, _lane(at, i)) for i, trial in enumerate(trials)]
-    return [one if ok else None for one, ok in zip(placed, found, strict=True)]
+    return [one if found[i] else None for i, one in enumerate(placed)]
 
 
 def _path(contact: ContactState, q: FloatArray, rubbing: Rubbing) -> Walk:
@@ -176,7 +183,7 @@ def _first_alone(points: np.ndarray, cases: np.ndarray) -> tuple[np.ndarray, np.
 
 def _crossed(now: Placed, points: np.ndarray, cases: np.ndarray, rubbing: Rubbing) -> Walk:
     """The lane under the same loads once guards are crossed; where cases change, stuck points keep their stretch."""
-    after = state_after(now, points, cases, rubbing)
+    after = contact_after(now, points, cases, rubbing)
     if np.any(after.case != now.contact.case):
         there = yield Trial(now.share, after, now.q, is_held=True)
         if there is None:
@@ -190,7 +197,7 @@ def _to_next_event(now: Placed, rubbing: Rubbing) -> Walk:
     """The lane in the state after the next event, or under all of its loads if there is none."""
     step = most = STEP if rubbing.turns else 1.0
     while now.share < 1:
-        there = yield from _ahead(now, min(now.share + step, 1.0))
+        there = yield from _further(now, min(now.share + step, 1.0))
         if there is None:
             step /= 2
             if step < SHORTEST_STEP:
@@ -202,7 +209,7 @@ def _to_next_event(now: Placed, rubbing: Rubbing) -> Walk:
     return now
 
 
-def _ahead(now: Placed, share: float) -> Walk:
+def _further(now: Placed, share: float) -> Walk:
     """The lane in its state of contact under a share of the loads; None where no equilibrium continues the path."""
     ahead = (share - now.share) * now.rate
     there = yield Trial(share, now.contact, now.q + ahead)
@@ -215,20 +222,20 @@ def _ahead(now: Placed, share: float) -> Walk:
 def _located(low: Placed, high: Placed, rubbing: Rubbing) -> Walk:
     """The lane after the first event between two shares of the loads, at the higher one of which guards are crossed."""
     for trial in range(MOST_TRIALS):
-        guards = [path_guards(end, rubbing) for end in (low, high)]
+        before, after = path_guards(low, rubbing), path_guards(high, rubbing)
         if high.share - low.share <= LOCATED:
             break
-        share = (low.share + high.share) / 2 if trial % 3 == 2 else _estimate(low.share, high.share, *guards)
-        there = yield from _ahead(low, share)
+        share = (low.share + high.share) / 2 if trial % 3 == 2 else _estimate(low.share, high.share, before, after)
+        there = yield from _further(low, share)
         if there is None:
             return None
         now = path_guards(there, rubbing)
         if any(a.any() for a in now.crossed):
             high = there
             continue
-        fires = [a & b for a, b in zip(now.reached, guards[1].crossed, strict=True)]
+        fires = [a & b for a, b in zip(now.reached, after.crossed, strict=True)]
         if any(a.any() for a in fires):
-            return (yield from _crossed(there, *fires, rubbing))
+            return (yield from _crossed(there, fires[0], fires[1], rubbing))
         low = there
     return (yield from _crossed(high, *path_guards(high, rubbing).crossed, rubbing))
 

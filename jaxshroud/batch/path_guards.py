@@ -17,7 +17,7 @@ from jaxshroud.scene.typed import FloatArray
 RATE_ROUNDING = 1e-9  # of the rate of the displacements, below which no slider is seen to turn back
 TORQUE_ROUNDING = 1e-9  # of the torques at the ends of flat faces
 LEAVES_LIMIT = 1e-7  # as `RATE_ROUNDING`: a point on a limit leaves it only faster than this
-TINY = float(np.finfo(float).tiny)
+NO_SIZE = float(np.finfo(float).tiny)
 
 
 class Rubbing(NamedTuple):
@@ -41,7 +41,7 @@ class Placed(NamedTuple):
     @property
     def size(self) -> float:
         """The largest displacement."""
-        return max(float(np.abs(self.q).max()), TINY)
+        return max(float(np.abs(self.q).max()), NO_SIZE)
 
 
 class PathGuards(NamedTuple):
@@ -86,7 +86,7 @@ def slip_direction(mode: np.ndarray) -> FloatArray:
 
 def path_guards(now: Placed, rubbing: Rubbing) -> PathGuards:
     """The guards of the state of contact in which a lane is."""
-    mode, (v_rate, u_rate) = now.contact.mode, _rates(now)
+    mode, (v_rate, u_rate) = now.contact.mode, _face_rates(now)
     apart, sticks, sigma = np.equal(mode, Mode.APART), np.equal(mode, Mode.STICK), slip_direction(mode)
     v = np.where(apart & rubbing.at_corners, now.at.natural_v[:, None], now.at.v)
     lift = np.where(apart, v, -v) / now.size
@@ -101,7 +101,7 @@ def path_guards(now: Placed, rubbing: Rubbing) -> PathGuards:
 
 def leaving(now: Placed, rubbing: Rubbing) -> tuple[np.ndarray, np.ndarray]:
     """Which guards of points and cases are crossed, or are on zero and rise with the loads."""
-    guards, (v_rate, u_rate) = path_guards(now, rubbing), _rates(now)
+    guards, (v_rate, u_rate) = path_guards(now, rubbing), _face_rates(now)
     mode, lag = now.contact.mode, rubbing.lag
     lift_rate = np.where(np.equal(mode, Mode.APART), v_rate, -v_rate)
     beyond_rate = np.where(np.equal(mode, Mode.STICK), _way_off(now) * u_rate - lag * v_rate, -np.inf)
@@ -110,7 +110,7 @@ def leaving(now: Placed, rubbing: Rubbing) -> tuple[np.ndarray, np.ndarray]:
     return points | (guards.reached[0] & rises), cases
 
 
-def _rates(now: Placed) -> tuple[FloatArray, FloatArray]:
+def _face_rates(now: Placed) -> tuple[FloatArray, FloatArray]:
     """The derivatives of penetrations and slides by the share of the loads, (interfaces, points) each."""
     blades, interfaces = now.q.shape[1], len(now.contact.case)
     left = np.arange(interfaces)
@@ -119,13 +119,13 @@ def _rates(now: Placed) -> tuple[FloatArray, FloatArray]:
 
 
 def _largest_rate(now: Placed) -> float:
-    return max(float(np.abs(now.rate).max()), TINY)
+    return max(float(np.abs(now.rate).max()), NO_SIZE)
 
 
 def _way_off(now: Placed) -> FloatArray:
     """The direction in which stuck points are stretched, or if they are not, in which they move."""
     w = now.at.u - now.contact.u_s
-    return np.where(np.abs(w) > STATE_ROUNDING * now.size, np.sign(w), np.sign(_rates(now)[1]))
+    return np.where(np.abs(w) > STATE_ROUNDING * now.size, np.sign(w), np.sign(_face_rates(now)[1]))
 
 
 def _case_guards(now: Placed, rubbing: Rubbing) -> tuple[FloatArray, FloatArray]:
@@ -136,27 +136,28 @@ def _case_guards(now: Placed, rubbing: Rubbing) -> tuple[FloatArray, FloatArray]
     turned = np.abs(now.at.turn) > STATE_ROUNDING * now.size
     other = np.where(turned & (now.at.natural != case) & (apart | ((now.at.natural <= 2) == upper)), 1.0, -1.0)
     torques = now.at.end_torques
-    outside = np.maximum(torques[:, 1], -torques[:, 0]) / np.maximum(np.abs(torques).max(axis=1), TINY)
+    outside = np.maximum(torques[:, 1], -torques[:, 0]) / np.maximum(np.abs(torques).max(axis=1), NO_SIZE)
     guard = np.where(flat & ~apart, outside, np.where(apart, other, np.maximum(turn, other)))
     return guard, np.where(flat & ~apart, TORQUE_ROUNDING, STATE_ROUNDING)
 
 
-def state_after(now: Placed, points: np.ndarray, cases: np.ndarray, rubbing: Rubbing) -> ContactState:
+def contact_after(now: Placed, points: np.ndarray, cases: np.ndarray, rubbing: Rubbing) -> ContactState:
     """The state of contact once guards of points (interfaces, points, 2) and cases (interfaces,) are crossed."""
     mode, lag = now.contact.mode, rubbing.lag
     apart, sticks, sigma = np.equal(mode, Mode.APART), np.equal(mode, Mode.STICK), slip_direction(mode)
-    lifts, rubs = points[..., 0], points[..., 1] & ~points[..., 0]
+    lifts = points[..., 0] & ~(points[..., 1] & sticks)  # what sticks slips before it separates
+    rubs = points[..., 1] & ~lifts
     begins = np.where(rubbing.rubs, Mode.STICK, Mode.SLIP_PLUS)
     slips = np.where(_way_off(now) < 0, Mode.SLIP_MINUS, Mode.SLIP_PLUS)
     after = np.where(lifts, np.where(apart, begins, Mode.APART), mode)
     after = np.where(rubs, np.where(sticks, slips, Mode.STICK), after)
     u_s = np.where(lifts, now.at.u, np.where(rubs & ~sticks, now.at.u - sigma * lag * now.at.v, now.contact.u_s))
-    case = np.where(cases, _next_case(now), now.contact.case)
+    case = np.where(cases, _case_beyond(now), now.contact.case)
     level = (lifts & apart)[:, 0] & (np.abs(now.at.turn) <= STATE_ROUNDING * now.size) & rubbing.at_corners
     return ContactState(after.astype(np.int32), np.where(level, FLAT, case).astype(np.int32), u_s)
 
 
-def _next_case(now: Placed) -> np.ndarray:
+def _case_beyond(now: Placed) -> np.ndarray:
     """The case of corners after its guard."""
     case, natural = now.contact.case, now.at.natural
     higher = np.isin(natural, (2, 3))  # whether the left block's corner is the higher one

@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.equilibrium import ContactState, static_equilibria
-from jaxshroud.batch.load_path import loaded_equilibria
+from jaxshroud.batch.equilibrium import ContactState
+from jaxshroud.batch.load_path import start_equilibria
 from jaxshroud.cache.programs import is_traced, kept
 from jaxshroud.march.log import is_of_blades
 from jaxshroud.march.observables import ContactForces, contact_forces, stacked_point_forces
@@ -32,17 +32,21 @@ def initial_states(scenes: Scene) -> State:
 
 
 def static_states(scenes: Scene) -> State:
-    """The states of scenes (leading axis) in their static equilibria; see `Scene.start`."""
+    """The states of scenes (leading axis) in their static equilibria; see `Scene.start`.
+
+    They are apart, so that faces which overlap touch at once without friction, unless loads from rest have led there.
+    """
     if is_traced(scenes):
         raise InputError("A static start is not found inside JAX's transformations; give a `state` to start from.")
     single = not np.ndim(scenes.drive.omega)
     lanes = jax.tree.map(lambda a: np.asarray(a)[None], scenes) if single else scenes
-    rest = static_equilibria(lanes) if scenes.start == "static" else loaded_equilibria(lanes)
+    rest = start_equilibria(lanes)
     at_rest = rest.q.astype(lanes.drive.omega.dtype)
     x, y, theta = at_rest[0] if single else np.moveaxis(at_rest, 1, 0)
     still = np.zeros_like(x)
     state = states_apart(scenes, Motion(x, y, theta, still, still, still))
-    return state if scenes.start == "static" else _in_contact(state, rest.contact)
+    is_led = scenes.start == "from rest" and scenes.parts.contact != "none"
+    return _in_contact(state, rest.contact) if is_led else state
 
 
 def _in_contact(state: State, contact: ContactState) -> State:

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import overload
 
-from jaxshroud.batch.linear_motion import LinearState
+from jaxshroud.batch.held_contact import LinearState
 from jaxshroud.scene.checks import InputError, word_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import SPRUNG
