@@ -168,17 +168,11 @@ def _agreed(now: Placed | None, rubbing: Rubbing) -> Walk:
         points, cases = leaving(now, rubbing)
         if not points.any() and not cases.any():
             return now
-        if change >= CHANGES_AT_ONCE:
-            points, cases = _first_alone(points, cases)
+        if change >= CHANGES_AT_ONCE:  # which go round in circles: some of them, drawn alike in every run
+            draw = np.random.default_rng(change)
+            points, cases = (a & (draw.random(a.shape) < 0.5) for a in (points, cases))
         now = yield from _crossed(now, points, cases, rubbing)
     return None
-
-
-def _first_alone(points: np.ndarray, cases: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The first of what changes; the cases come first."""
-    only = np.zeros(cases.size + points.size, bool)
-    only[np.argmax(np.concatenate([cases, points.ravel()]))] = True
-    return only[cases.size :].reshape(points.shape), only[: cases.size]
 
 
 def _crossed(now: Placed, points: np.ndarray, cases: np.ndarray, rubbing: Rubbing) -> Walk:
