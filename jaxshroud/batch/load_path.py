@@ -36,11 +36,11 @@ from jaxshroud.batch.path_guards import (
     PathGuards,
     Placed,
     Rubbing,
+    contact_after,
     friction_of,
     leaving,
     path_guards,
     sliders_at,
-    contact_after,
 )
 from jaxshroud.model.modes import Mode
 from jaxshroud.scene.scene import Scene, without_given

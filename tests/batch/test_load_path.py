@@ -9,8 +9,7 @@ import jaxshroud as js
 from jaxshroud.batch.equilibrium import static_equilibria
 from jaxshroud.batch.load_path import loaded_equilibria
 from jaxshroud.batch.states import initial_states
-from jaxshroud.model.modes import Mode, Status
-from jaxshroud.scene.checks import InputError
+from jaxshroud.model.modes import Mode
 
 FROM_REST = ["initial.start=static", "initial.friction=from rest"]
 UNDRIVEN = ["drive.F_0=0", "drive.M_0=0"]
