@@ -78,12 +78,10 @@ def test_a_lane_without_a_path_stops():
 
 
 def test_other_contact_is_refused_by_name():
-    for settings, words in (
-        (["contact.reading=printed"], "consistent reading"),
-        (["initial.x=1e-5"], "start in motion"),
-    ):
+    refused = {"contact.reading=printed": "consistent reading", "initial.x=1e-5": "start in motion"}
+    for setting, words in refused.items():
         with pytest.raises(ValueError, match=words) as error:
-            js.load("table1", [*FROM_REST, *settings])
+            js.load("table1", [*FROM_REST, setting])
         assert "\n" not in str(error.value)
     with pytest.raises(ValueError, match="static start"):
         js.vary(scene_with(), "initial.x", 1e-5)
