@@ -73,12 +73,17 @@ def loaded_equilibria(scenes: Scene) -> Equilibrium:
     The path begins in the static equilibrium without mean loads and without friction, with the sliders where the faces
     then are. A lane has NaN where its path cannot be followed, as where blades snap.
     """
-    return of_alike_at_rest(_in_pieces, without_given(scenes))
+    return of_alike_at_rest(_in_pieces, jax.tree.map(_in_float64, without_given(scenes)))
 
 
 def start_equilibria(scenes: Scene) -> Equilibrium:
     """The equilibria in which scenes (leading axis) with a static start begin, see `Scene.start`."""
     return loaded_equilibria(scenes) if scenes.start == "from rest" else static_equilibria(scenes)
+
+
+def _in_float64(a: np.ndarray) -> np.ndarray:
+    """A number of a scene; in float32 events would be told apart too coarsely."""
+    return np.asarray(a, float if np.issubdtype(np.asarray(a).dtype, np.floating) else None)
 
 
 def _in_pieces(scenes: Scene) -> Equilibrium:
@@ -143,7 +148,7 @@ def _answers(trials: list[Trial], scenes: Scene, springs: Springs) -> list[Place
         at = contact_at(scenes, q, contact)
     rate = displacements_under(np.where(springs.moves, springs.load, 0.0), springs, contact, at)
     passed = passed_on(springs, contact, unbalanced(loaded, at, q))
-    at = at._replace(end_torques=at.end_torques + passed[..., None])
+    at = jax.tree.map(_in_float64, at._replace(end_torques=at.end_torques + passed[..., None]))
     found: np.ndarray = np.asarray(np.isfinite([q, rate])).all(axis=(0, 2, 3))
     placed = [Placed(float(share[i]), q[i], rate[i], trial.contact, _lane(at, i)) for i, trial in enumerate(trials)]
     return [one if found[i] else None for i, one in enumerate(placed)]

@@ -6,9 +6,10 @@ interface. Instead of rates in time there are those by the share of the loads th
 
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
-from jaxshroud.batch.equilibrium import STATE_ROUNDING, ContactState
+from jaxshroud.batch.equilibrium import ContactState
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.resting_contact import RestingContact
 from jaxshroud.scene.scene import Scene
@@ -27,6 +28,7 @@ class Rubbing(NamedTuple):
     lag: FloatArray  # (interfaces, 1) mu k / k_d: stretch of the friction spring in slip, per unit penetration
     turns: bool  # whether blocks turn
     at_corners: bool  # and touch at corners
+    rounding: float  # of displacements over the largest one, below which nothing is crossed
 
 
 class Placed(NamedTuple):
@@ -76,7 +78,8 @@ def friction_of(scenes: Scene, lane: int) -> Rubbing:
     rubs = (k > 0) & (k_d > 0) & (mu > 0) & (scenes.parts.friction != "none")
     lag = np.where(rubs, mu * k / np.where(rubs, k_d, 1.0), 0.0)
     turns = "theta" in scenes.parts.motion
-    return Rubbing(rubs, lag, turns, turns and not scenes.points)
+    rounding = 64 * float(np.finfo(jax.dtypes.canonicalize_dtype(float)).eps)
+    return Rubbing(rubs, lag, turns, turns and not scenes.points, rounding)
 
 
 def slip_direction(mode: np.ndarray) -> FloatArray:
@@ -93,9 +96,9 @@ def path_guards(now: Placed, rubbing: Rubbing) -> PathGuards:
     beyond = (np.abs(now.at.u - now.contact.u_s) - rubbing.lag * v) / now.size
     back = -sigma * (u_rate - sigma * rubbing.lag * v_rate) / _largest_rate(now)
     rub = np.where(rubbing.rubs & ~apart, np.where(sticks, beyond, back), -1.0)
-    of_rub = np.where(sticks, STATE_ROUNDING, RATE_ROUNDING)
+    of_rub = np.where(sticks, rubbing.rounding, RATE_ROUNDING)
     cases = _case_guards(now, rubbing) if rubbing.at_corners else (np.full(len(mode), -1.0), np.zeros(len(mode)))
-    rounding = np.stack([np.full(mode.shape, STATE_ROUNDING), of_rub], axis=-1)
+    rounding = np.stack([np.full(mode.shape, rubbing.rounding), of_rub], axis=-1)
     return PathGuards(np.stack([lift, rub], axis=-1), cases[0], rounding, cases[1])
 
 
@@ -104,7 +107,7 @@ def leaving(now: Placed, rubbing: Rubbing) -> tuple[np.ndarray, np.ndarray]:
     guards, (v_rate, u_rate) = path_guards(now, rubbing), _face_rates(now)
     mode, lag = now.contact.mode, rubbing.lag
     lift_rate = np.where(np.equal(mode, Mode.APART), v_rate, -v_rate)
-    beyond_rate = np.where(np.equal(mode, Mode.STICK), _way_off(now) * u_rate - lag * v_rate, -np.inf)
+    beyond_rate = np.where(np.equal(mode, Mode.STICK), _way_off(now, rubbing) * u_rate - lag * v_rate, -np.inf)
     rises = np.stack([lift_rate, beyond_rate], axis=-1) > LEAVES_LIMIT * _largest_rate(now)
     points, cases = guards.crossed
     return points | (guards.reached[0] & rises), cases
@@ -122,10 +125,10 @@ def _largest_rate(now: Placed) -> float:
     return max(float(np.abs(now.rate).max()), NO_SIZE)
 
 
-def _way_off(now: Placed) -> FloatArray:
+def _way_off(now: Placed, rubbing: Rubbing) -> FloatArray:
     """The direction in which stuck points are stretched, or if they are not, in which they move."""
     w = now.at.u - now.contact.u_s
-    return np.where(np.abs(w) > STATE_ROUNDING * now.size, np.sign(w), np.sign(_face_rates(now)[1]))
+    return np.where(np.abs(w) > rubbing.rounding * now.size, np.sign(w), np.sign(_face_rates(now)[1]))
 
 
 def _case_guards(now: Placed, rubbing: Rubbing) -> tuple[FloatArray, FloatArray]:
@@ -133,12 +136,12 @@ def _case_guards(now: Placed, rubbing: Rubbing) -> tuple[FloatArray, FloatArray]
     case, flat, upper = now.contact.case, np.equal(now.contact.case, FLAT), now.contact.case <= 2
     turn = np.where(upper, -now.at.turn, now.at.turn) / now.size
     apart = np.equal(now.contact.mode[:, 0], Mode.APART)
-    turned = np.abs(now.at.turn) > STATE_ROUNDING * now.size
+    turned = np.abs(now.at.turn) > rubbing.rounding * now.size
     other = np.where(turned & (now.at.natural != case) & (apart | ((now.at.natural <= 2) == upper)), 1.0, -1.0)
     torques = now.at.end_torques
     outside = np.maximum(torques[:, 1], -torques[:, 0]) / np.maximum(np.abs(torques).max(axis=1), NO_SIZE)
     guard = np.where(flat & ~apart, outside, np.where(apart, other, np.maximum(turn, other)))
-    return guard, np.where(flat & ~apart, TORQUE_ROUNDING, STATE_ROUNDING)
+    return guard, np.where(flat & ~apart, TORQUE_ROUNDING, rubbing.rounding)
 
 
 def contact_after(now: Placed, points: np.ndarray, cases: np.ndarray, rubbing: Rubbing) -> ContactState:
@@ -148,23 +151,23 @@ def contact_after(now: Placed, points: np.ndarray, cases: np.ndarray, rubbing: R
     lifts = points[..., 0] & ~(points[..., 1] & sticks)  # what sticks slips before it separates
     rubs = points[..., 1] & ~lifts
     begins = np.where(rubbing.rubs, Mode.STICK, Mode.SLIP_PLUS)
-    slips = np.where(_way_off(now) < 0, Mode.SLIP_MINUS, Mode.SLIP_PLUS)
+    slips = np.where(_way_off(now, rubbing) < 0, Mode.SLIP_MINUS, Mode.SLIP_PLUS)
     after = np.where(lifts, np.where(apart, begins, Mode.APART), mode)
     after = np.where(rubs, np.where(sticks, slips, Mode.STICK), after)
     u_s = np.where(lifts, now.at.u, np.where(rubs & ~sticks, now.at.u - sigma * lag * now.at.v, now.contact.u_s))
-    case = np.where(cases, _case_beyond(now), now.contact.case)
-    level = (lifts & apart)[:, 0] & (np.abs(now.at.turn) <= STATE_ROUNDING * now.size) & rubbing.at_corners
+    case = np.where(cases, _case_beyond(now, rubbing), now.contact.case)
+    level = (lifts & apart)[:, 0] & (np.abs(now.at.turn) <= rubbing.rounding * now.size) & rubbing.at_corners
     return ContactState(after.astype(np.int32), np.where(level, FLAT, case).astype(np.int32), u_s)
 
 
-def _case_beyond(now: Placed) -> np.ndarray:
+def _case_beyond(now: Placed, rubbing: Rubbing) -> np.ndarray:
     """The case of corners after its guard."""
     case, natural = now.contact.case, now.at.natural
     higher = np.isin(natural, (2, 3))  # whether the left block's corner is the higher one
     off = np.where(now.at.end_torques[:, 1] > -now.at.end_torques[:, 0], np.where(higher, 2, 1), 4 - higher)
     turn = np.where(case <= 2, -now.at.turn, now.at.turn)
     apart = np.equal(now.contact.mode[:, 0], Mode.APART)
-    at_corner = np.where(apart | (turn < -STATE_ROUNDING * now.size), natural, FLAT)
+    at_corner = np.where(apart | (turn < -rubbing.rounding * now.size), natural, FLAT)
     return np.where(np.equal(case, FLAT) & ~apart, off, at_corner)
 
 
