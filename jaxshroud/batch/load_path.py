@@ -7,7 +7,7 @@ together.
 """
 
 from collections.abc import Generator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -37,9 +37,9 @@ from jaxshroud.batch.path_guards import (
     Placed,
     Rubbing,
     contact_after,
-    friction_of,
     leaving,
     path_guards,
+    rubbing_of,
     sliders_at,
 )
 from jaxshroud.model.modes import Mode
@@ -81,7 +81,7 @@ def start_equilibria(scenes: Scene) -> Equilibrium:
     return loaded_equilibria(scenes) if scenes.start == "from rest" else static_equilibria(scenes)
 
 
-def _in_float64(a: np.ndarray) -> np.ndarray:
+def _in_float64(a: Any) -> np.ndarray:
     """A number of a scene; in float32 events would be told apart too coarsely."""
     return np.asarray(a, float if np.issubdtype(np.asarray(a).dtype, np.floating) else None)
 
@@ -95,7 +95,8 @@ def _loaded_piece(scenes: Scene) -> Equilibrium:
     if scenes.parts.contact == "none":
         return equilibria_under(springs, scenes)
     unloaded = equilibria_under(springs._replace(load=0 * springs.load), friction_free(scenes))
-    contact, rubbing = _unloaded_state(unloaded, scenes), [friction_of(scenes, i) for i in range(len(unloaded.q))]
+    rubbing = rubbing_of(scenes)
+    contact = _unloaded_state(unloaded, scenes, np.stack([own.rubs for own in rubbing]))
     walks = [_path(_lane(contact, i), unloaded.q[i], rubbing[i]) for i in range(len(rubbing))]
     ends = _walked(walks, scenes, springs)
     followed = np.array([end is not None for end in ends])
@@ -105,9 +106,8 @@ def _loaded_piece(scenes: Scene) -> Equilibrium:
     return equilibrium_at(springs, state, contact_at(scenes, q, state), q, followed)
 
 
-def _unloaded_state(unloaded: Equilibrium, scenes: Scene) -> ContactState:
+def _unloaded_state(unloaded: Equilibrium, scenes: Scene, rubs: np.ndarray) -> ContactState:
     """The state of contact without loads: what is pressed sticks, where there is friction."""
-    rubs = np.stack([friction_of(scenes, i).rubs for i in range(len(unloaded.q))])
     pressed = np.where(rubs, Mode.STICK, Mode.SLIP_PLUS)
     at, mode = unloaded.contact, unloaded.contact.mode
     mode = np.where(np.equal(mode, Mode.APART), mode, pressed).astype(np.int32)
@@ -149,9 +149,9 @@ def _answers(trials: list[Trial], scenes: Scene, springs: Springs) -> list[Place
     rate = displacements_under(np.where(springs.moves, springs.load, 0.0), springs, contact, at)
     passed = passed_on(springs, contact, unbalanced(loaded, at, q))
     at = jax.tree.map(_in_float64, at._replace(end_torques=at.end_torques + passed[..., None]))
-    found: np.ndarray = np.asarray(np.isfinite([q, rate])).all(axis=(0, 2, 3))
+    lost = np.isnan([q, rate]).any(axis=(0, 2, 3))
     placed = [Placed(float(share[i]), q[i], rate[i], trial.contact, _lane(at, i)) for i, trial in enumerate(trials)]
-    return [one if found[i] else None for i, one in enumerate(placed)]
+    return [None if gone else one for one, gone in zip(placed, np.atleast_1d(lost), strict=True)]
 
 
 def _path(contact: ContactState, q: FloatArray, rubbing: Rubbing) -> Walk:

@@ -7,6 +7,7 @@ interface. Instead of rates in time there are those by the share of the loads th
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.equilibrium import ContactState
@@ -68,18 +69,20 @@ class PathGuards(NamedTuple):
         return self.of_points >= -self.rounding_of_points, self.of_cases >= -self.rounding_of_cases
 
 
-def friction_of(scenes: Scene, lane: int) -> Rubbing:
-    """The friction of one of scenes (leading axis)."""
+def rubbing_of(scenes: Scene) -> list[Rubbing]:
+    """The friction of each of scenes (leading axis)."""
+    scenes = jax.tree.map(jnp.asarray, scenes)
+    shape = len(scenes.drive.omega), -1, 1
 
     def at_interfaces(a):
-        return np.broadcast_to(np.asarray(a, float)[lane], np.shape(scenes.friction.mu)[1:]).reshape(-1, 1)
+        return np.broadcast_to(np.asarray(a, float), np.shape(scenes.friction.mu)).reshape(shape)
 
     k, k_d, mu = (at_interfaces(a) for a in (scenes.k, scenes.friction.k_d, scenes.friction.mu))
     rubs = (k > 0) & (k_d > 0) & (mu > 0) & (scenes.parts.friction != "none")
     lag = np.where(rubs, mu * k / np.where(rubs, k_d, 1.0), 0.0)
     turns = "theta" in scenes.parts.motion
     rounding = 64 * float(np.finfo(jax.dtypes.canonicalize_dtype(float)).eps)
-    return Rubbing(rubs, lag, turns, turns and not scenes.points, rounding)
+    return [Rubbing(*own, turns, turns and not scenes.points, rounding) for own in zip(rubs, lag, strict=True)]
 
 
 def slip_direction(mode: np.ndarray) -> FloatArray:
