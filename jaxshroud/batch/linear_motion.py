@@ -96,7 +96,7 @@ def linear_motion(scene: Scene, held: HeldContact) -> LinearMotion:
         (K - n^2 omega^2 M + i n omega C) A_n = Q_n, where K is the stiffness of the blades and the derivative of the
         forces of contact at the static equilibrium, over the directions in which the blocks can move.
     """
-    swing, at = _swing(scene, held)
+    swing, at, _ = linear_swing(scene, held)
     omega, orders = scene.drive.omega, list(swing.waves)
     count = SAMPLES * max(orders, default=1)
     tau = jnp.linspace(0, 2 * jnp.pi, count, endpoint=False, dtype=omega.dtype)
@@ -129,8 +129,16 @@ def linear_motion(scene: Scene, held: HeldContact) -> LinearMotion:
     )
 
 
-def _swing(scene: Scene, held: HeldContact) -> tuple[SteadyNumbers, Any]:
-    """The displacements (3 blades,) of the motion, and the contact at rest."""
+class LinearMatrices(NamedTuple):
+    """The matrices of a linear motion over the directions in which the blocks can move."""
+
+    M: Any
+    C: Any
+    K: Any
+
+
+def linear_swing(scene: Scene, held: HeldContact) -> tuple[SteadyNumbers, Any, LinearMatrices]:
+    """The displacements (3 blades,) of the settled motion, the contact at rest, and the matrices of the motion."""
     b, blades, sines = scene.mistuned_blades, scene.blades.m.shape[-1], scene.drive.harmonics()
     masses = jnp.concatenate([b.m, b.inertia_y, b.I])
     dampers = jnp.concatenate([b.c_x, b.c_y, b.c_T])
@@ -166,7 +174,7 @@ def _swing(scene: Scene, held: HeldContact) -> tuple[SteadyNumbers, Any]:
         Q = lax.complex(blocks.over(re), blocks.over(im))
         answer = jnp.linalg.solve(lax.complex(K - omega**2 * M, omega * C), Q)
         waves[n] = blocks.expanded(answer, 3 * blades)
-    return SteadyNumbers(q.ravel(), waves), at
+    return SteadyNumbers(q.ravel(), waves), at, LinearMatrices(M, C, K)
 
 
 class _Blocks(NamedTuple):

@@ -20,7 +20,13 @@ from jaxshroud.batch.xla import one_lane
 from jaxshroud.cache.garbage import no_garbage_collected
 from jaxshroud.cli.command_table import COMMANDS
 from jaxshroud.cli.drawing import draw
-from jaxshroud.cli.run_options import accuracy_warnings_printed, load_scene, resolve_march
+from jaxshroud.cli.run_options import (
+    accuracy_warnings_printed,
+    load_scene,
+    may_be_in_closed_form,
+    resolve_march,
+    resolved_options,
+)
 from jaxshroud.cli.terminal import (
     files_written,
     input_errors_at,
@@ -178,6 +184,9 @@ class Computation:
         formats = {path.suffix for path in output_paths(call.options)}
         pictures = (*(PICTURES if ".png" in formats else ()), *(PDF_PICTURES if ".pdf" in formats else ()))
         import_in_background((*self.imports, *pictures))
+        asked = resolved_options(call.file, call.options, self.usual).asked
+        if may_be_in_closed_form(scenes, asked, call.options):
+            return call._replace(arguments={**call.arguments, "method": asked})
         march = resolve_march(call.file, scenes, call.options, self.usual, **self.trials(call))
         return call._replace(arguments={**call.arguments, "method": march.again})
 

@@ -4,6 +4,8 @@ import argparse
 import sys
 from typing import Any, cast
 
+import numpy as np
+
 from jaxshroud.batch.plan import Progress
 from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_verb
 from jaxshroud.cli.drawing import draw
@@ -83,7 +85,7 @@ def _gradient_rows(gradient: Gradient, with_slopes: bool) -> dict[str, Any]:
         **rows,
         "period number": gradient.orbit.q,
         "nearest bifurcation": f"{name}, at a distance of {margin:.3g}",
-        "conditioning": f"{gradient.conditioning:.3g}",
+        **({} if np.isnan(gradient.conditioning) else {"conditioning": f"{gradient.conditioning:.3g}"}),
         "periods simulated": gradient.orbit.periods,
     }
 

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from contextlib import contextmanager
 from typing import Unpack
 
+import numpy as np
+
 from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.cli.terminal import CommandError, input_errors_at
 from jaxshroud.io.lane_status import AccuracyWarning
@@ -16,12 +18,13 @@ from jaxshroud.scene.config import load
 from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.scene.layout import KNOW_LINEAR
 from jaxshroud.scene.overrides import axis, size_in_si
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.verbs.arguments import check_verb
-from jaxshroud.verbs.asked import Choice, MarchPlan
-from jaxshroud.verbs.linear import in_state
+from jaxshroud.verbs.asked import Asked, Choice, MarchPlan
+from jaxshroud.verbs.linear import default_state, in_state
 from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.plan import Trials, choose_method, plan_march
+from jaxshroud.verbs.settled import settling_periods
 
 METHOD_OPTIONS = ("tableau", "order", "step_tolerance", "locate", "precision")
 CHOSEN_BY_ACCURACY = ("steps_per_period", *METHOD_OPTIONS)
@@ -56,13 +59,32 @@ def resolve_march(
         trials: How methods are tried.
     """
     with input_errors_at(f"{file.name}: [run]"):
-        march = plan_march(_resolved_options(file, options, usual), scenes, usual, **trials)
+        march = plan_march(resolved_options(file, options, usual), scenes, usual, **trials)
     _print_choice(file, scenes, march.tried, options)
     if is_linear(scenes):
         print(f"{file.name}: contact that stays {scenes.parts.contact}, in closed form", file=sys.stderr)
     elif march.tried is None and scenes.parts.contact != "none":
         _print_steps(file, scenes, march)
+    if not is_linear(scenes) and options.verb in KNOW_LINEAR:
+        _print_settling(file, scenes)
     return march
+
+
+def _print_settling(file: SceneFile, scenes: Scene) -> None:
+    """Say how long free vibration takes to die out, where the transient is shorter."""
+    needed = settling_periods(without_given(scenes))
+    if not needed > file.run.transient:  # nor NaN
+        return
+    dies = f"dies out to a thousandth in {needed:.0f} periods" if np.isfinite(needed) else "never dies out"
+    print(
+        f"{file.name}: what contact does not damp {dies}; {file.run.transient} are discarded",
+        file=sys.stderr,
+    )
+
+
+def may_be_in_closed_form(scenes: Scene, asked: Asked, options: argparse.Namespace) -> bool:
+    """Whether the verb may take the closed form of scenes (leading axis) by default, and so chooses how to march."""
+    return options.verb in KNOW_LINEAR and options.linear is None and default_state(scenes, asked) is not None
 
 
 def resolve_method(
@@ -70,12 +92,12 @@ def resolve_method(
 ) -> tuple[Choices, Choice | None]:
     """The same without steps, which may be too long, and by the word of the table where it has one."""
     with input_errors_at(f"{file.name}: [run]"):
-        method, choice = choose_method(_resolved_options(file, options, usual), scenes, usual, periods=0)
+        method, choice = choose_method(resolved_options(file, options, usual), scenes, usual, periods=0)
     _print_choice(file, scenes, MarchPlan(0, method, choice).tried, options)
     return method, choice
 
 
-def _resolved_options(file: SceneFile, options: argparse.Namespace, usual: Choices) -> ResolvedOptions:
+def resolved_options(file: SceneFile, options: argparse.Namespace, usual: Choices) -> ResolvedOptions:
     """The options resolved with the file's [run], which has their steps already."""
     for name in CHOSEN_BY_ACCURACY:
         if options.accuracy is not None and getattr(options, name) is not None:

@@ -6,8 +6,10 @@ from typing import cast
 import jax
 import numpy as np
 
+from jaxshroud.batch.held_contact import LinearState, held_contact
 from jaxshroud.batch.linear_motion import linear_flow, linear_tangents
 from jaxshroud.batch.linear_runs import linear_status
+from jaxshroud.batch.linear_transient import linear_multipliers
 from jaxshroud.batch.tangents import direction
 from jaxshroud.batch.xla import one_lane, repeat_lane
 from jaxshroud.march.method import Choices
@@ -55,7 +57,9 @@ def linear_gradient(scene: Scene, wrt: Sequence[str], of: Quantity, steps: int, 
         )
     zeros = np.zeros(len(wrt))
     flags = (*found.flags, LINEAR_FLAG)
-    return PowerGradient("periodic", found.slope, zeros, found.level, 0.0, cycle, 0.0, 0.0, flags, **both)
+    return PowerGradient(
+        "periodic", found.slope, zeros, found.level, 0.0, cycle, cycle.conditioning, 0.0, flags, **both
+    )
 
 
 def _linear_power_slopes(of: Power, scenes: Scene, directions: Scene, flow, flow_by) -> AmplitudeSlope:
@@ -90,17 +94,19 @@ def _linear_levels(measure: str, value, by, row: int) -> tuple[np.ndarray, np.nd
 
 
 def _as_orbit(scene: Scene, value, steps: int, method: Choices) -> PeriodicOrbit:
-    """The motion as an orbit of one period, without multipliers."""
+    """The motion as an orbit of one period; its sliders do not move."""
     area, P_0 = area_and_free_power(scene)
     P, counts = area * np.asarray(value.power)[0], scene.layout.counting
     first = Motion(*(np.asarray(part)[0, 0, i] for part in (value.displacement, value.speed) for i in range(3)))
+    lane = one_lane(without_given(scene))
+    multipliers = linear_multipliers(lane, held_contact(lane, cast(LinearState, scene.parts.contact)))[0]
     shape = (*scene.layout.interface_shape, *((scene.points,) if scene.points else ()))
     mode = Mode.APART if scene.parts.contact == "apart" else Mode.STICK
     start = State(
         first, np.zeros(shape), np.full(shape, mode, np.int32), np.zeros(scene.layout.interface_shape, np.int32)
     )
     squares = np.asarray(value.power)[:1], np.stack([np.asarray(a)[:1, counts] for a in value.means], axis=1)
-    vibration = float(np.asarray(quantity_level("P_d_vibration", one_lane(without_given(scene)), squares))[0])
+    vibration = float(np.asarray(quantity_level("P_d_vibration", lane, squares))[0])
     return PeriodicOrbit(
         scene=scene,
         start=start,
@@ -110,9 +116,9 @@ def _as_orbit(scene: Scene, value, steps: int, method: Choices) -> PeriodicOrbit
         P_d=float(power_reduction(P[counts].sum(), P_0[counts].sum())),
         P_d_vibration=vibration,
         residual=0.0,
-        multipliers=np.zeros(scene.state_size, complex),
-        conditioning=0.0,
-        doubt=0.0,
+        multipliers=np.pad(multipliers, (0, scene.state_size - len(multipliers))),
+        conditioning=float("nan"),
+        doubt=float("nan"),
         flags=(),
         updates=0,
         periods=0,

@@ -17,16 +17,15 @@ PEAK_ZOOMS, PEAK_VALUES = (
 AmplitudesAt = Callable[[np.ndarray], np.ndarray]  # values (n,) -> those of all blades (n, blades)
 
 
-def linear_peaks(amplitudes: AmplitudesAt, values: np.ndarray, swept: np.ndarray, layout: Layout) -> list[Peak]:
-    """The peaks between the ends of the values of a sweep.
+def linear_peaks(amplitudes: AmplitudesAt, values: np.ndarray, layout: Layout) -> list[Peak]:
+    """The peaks between the ends of values.
 
     Args:
         amplitudes: The amplitudes at any values of the number.
-        values: The values of the sweep (n,), in order.
-        swept: The amplitudes there, (n, blades).
+        values: The values (n,), in order.
         layout: The layout of the blades.
     """
-    here = counted_amplitude(swept, layout)
+    here = counted_amplitude(amplitudes(values), layout)
     inner = np.flatnonzero((here[1:-1] > here[:-2]) & (here[1:-1] >= here[2:])) + 1
     return [_linear_peak(amplitudes, layout, values, here, int(i)) for i in inner]
 

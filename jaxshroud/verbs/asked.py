@@ -153,6 +153,7 @@ class MarchPlan(NamedTuple):
     steps: int  # per period
     method: Choices
     choice: Choice | None = None  # where an accuracy chose the method
+    in_closed_form: str = ""  # the state in which contact stays, where nothing is marched
 
     @property
     def tried(self) -> Choice | None:
@@ -174,7 +175,8 @@ class MarchPlan(NamedTuple):
         """The attributes of results that describe it."""
         chosen = {"accuracy": str(self.choice)} if self.choice is not None and self.choice.told else {}
         march = method_as_json(method_of(self.steps, self.method))
-        return {"steps_per_period": self.steps, "method": str(self.method), "march": march, **chosen}
+        method = f"closed form, {self.in_closed_form}" if self.in_closed_form else str(self.method)
+        return {"steps_per_period": self.steps, "method": method, "march": march, **chosen}
 
 
 class Asked(NamedTuple):

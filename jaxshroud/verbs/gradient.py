@@ -36,7 +36,7 @@ from jaxshroud.signals.amplitudes import check_resonance, check_vibration
 from jaxshroud.verbs.arguments import check_row
 from jaxshroud.verbs.asked import MethodArgument
 from jaxshroud.verbs.lanes import RequestedLanes, results_of_all, warn_failed, with_tangents
-from jaxshroud.verbs.linear import in_state
+from jaxshroud.verbs.linear import default_state, in_state
 from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.orbit import cycles_of
 
@@ -77,7 +77,8 @@ def gradient(
             y and theta. They are those of the left blade; of a row P_d and P are those of all blades together,
             "P_d_worst" is that of the blade that gains the least, and amplitudes are the largest.
         orbit: The orbit or orbits, if they are known already; their method is then the default.
-        linear: "apart" or "stuck": in closed form, of contact that stays in this state; see `power`.
+        linear: "apart" or "stuck": in closed form, of contact that stays in this state; by default where it does,
+            see `power`.
         sigma: Standard deviation of the distribution, relative to the value of each parameter.
         pairs: Antithetic pairs of samples; all samples start from the scene's initial state.
         seed: Seed of the samples.
@@ -122,6 +123,8 @@ def gradient(
     count_argument("most_periods", most_periods, 1)
     if orbit is not None and method is None:
         method = orbit.method
+    if linear is None and state is None:
+        linear = default_state(scene, method)
     resolved = resolve_options(
         in_state(scene, linear),
         n_periods=n_periods,

@@ -1,4 +1,4 @@
-"""Scenes whose contact is asked to stay in one state: their settled motion is linear, and in closed form."""
+"""Scenes whose contact is asked to stay in one state, or does: their settled motion is linear, and in closed form."""
 
 from dataclasses import replace
 from typing import overload
@@ -9,6 +9,9 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import SPRUNG
 from jaxshroud.scene.other_parts import with_parts
 from jaxshroud.scene.scene import Scene
+from jaxshroud.verbs.arguments import flatten_lanes, leading_axes
+from jaxshroud.verbs.asked import Asked, MethodArgument
+from jaxshroud.verbs.settled import kept_state
 
 
 @overload
@@ -30,3 +33,16 @@ def in_state(scene: Scene | SceneFile, state: LinearState | None) -> Scene | Sce
     if isinstance(scene, SceneFile):
         return replace(scene, tables={**scene.tables, "parts": {**parts, "contact": state}})
     return with_parts(scene, scene.parts._replace(contact=state))
+
+
+def default_state(scenes: Scene | SceneFile, method: MethodArgument) -> LinearState | None:
+    """The state of contact in which a closed form takes the place of a march; None where it is to march.
+
+    It does where all `scenes` keep one state from their static start on, unless the argument `method` says how to
+    march.
+    """
+    by_file = isinstance(method, Asked) and not method.by_argument
+    if method is not None and not by_file:
+        return None
+    scene = scenes.scene if isinstance(scenes, SceneFile) else scenes
+    return kept_state(flatten_lanes(scene, len(leading_axes(scene))))

@@ -247,7 +247,7 @@ def plan_march(resolved: ResolvedOptions, lanes: Scene, usual: Choices, **trials
     # the method was not chosen for these lanes: is it stable here?
     lanes = in_precision(without_given(lanes), method.precision)
     steps = steps_for(lanes, 1, resolved.asked.given_steps, march_of(lanes).stepping(method))
-    return MarchPlan(steps, method, choice)
+    return MarchPlan(steps, method, choice, lanes.parts.contact if is_linear(lanes) else "")
 
 
 def choose_method(

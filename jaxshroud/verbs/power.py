@@ -42,7 +42,7 @@ from jaxshroud.signals.equivalent import equivalent_values
 from jaxshroud.signals.period import NOT_SETTLED, PERIOD_TOLERANCE, Repetition
 from jaxshroud.verbs.arguments import check_row, in_shape
 from jaxshroud.verbs.asked import MarchPlan, MethodArgument
-from jaxshroud.verbs.linear import in_state
+from jaxshroud.verbs.linear import default_state, in_state
 from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.plan import missed_lanes, plan_march, warn_missed
 
@@ -186,7 +186,9 @@ def power(
         forces: Keep contact forces, slip, normal load and impacts too, see `sweep`.
         amplitudes: Keep amplitudes too, see `sweep`.
         linear: "apart" or "stuck": the settled motion in closed form, of contact that stays in this state; a lane whose
-            contact leaves it stops. By default it is marched.
+            contact leaves it stops. By default it is in closed form where all lanes keep one state for certain: blades
+            that do not turn, from the only static equilibrium on (`initial = "static"`), and no `method` or `state`
+            given. Else it is marched.
         period_tol: Tolerance of the period number, see `periodicity`.
         n_periods: Drive periods kept at most, even if P_d is not stable yet; by default 64.
         transient: Drive periods run and discarded first; by default 64.
@@ -217,6 +219,8 @@ def power(
         >>> js.power(scene, n_periods=64, transient=32, method=js.RungeKutta(steps=200)).final["stable"]
         True
     """
+    if linear is None and state is None:
+        linear = default_state(scene, method)
     resolved = resolve_options(
         in_state(scene, linear),
         n_periods=n_periods,

@@ -14,7 +14,7 @@ from jaxshroud.batch.held_contact import LinearState, is_linear
 from jaxshroud.batch.linear_runs import linear_amplitude_values
 from jaxshroud.batch.plan import Progress
 from jaxshroud.march.method_names import RESPONSES
-from jaxshroud.orbits.linear_peaks import linear_peaks
+from jaxshroud.orbits.linear_peaks import AmplitudesAt, linear_peaks
 from jaxshroud.orbits.peaks import branch_peaks
 from jaxshroud.results.branch import Branch
 from jaxshroud.results.response import Member, Response
@@ -32,7 +32,7 @@ from jaxshroud.signals.amplitudes import free_amplitudes
 from jaxshroud.verbs.arguments import check_row, one_scene
 from jaxshroud.verbs.asked import MethodArgument
 from jaxshroud.verbs.branch import BranchStart, continued, range_of
-from jaxshroud.verbs.linear import in_state
+from jaxshroud.verbs.linear import default_state, in_state
 from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.sweep import sweep
 
@@ -170,8 +170,9 @@ def response(
         over: A second number with its values: a family of responses.
         at: The value at which the branch begins; by default where the sweep from rest has settled on an
             orbit, as near to the scene's own value as there is one; of a ring one on which all blades swing alike.
-        linear: "apart" or "stuck": in closed form, of contact that stays in this state; see `power`. There is
-            no branch then, and peaks are placed between the ends of the range.
+        linear: "apart" or "stuck": in closed form, of contact that stays in this state; by default where that of all
+            values and peaks does, see `power`. There is no branch then, and peaks are placed between the ends of the
+            range.
         most_points: Largest number of points of a branch in one direction; by default the branch goes on until its
             range ends, to four thousand points at most.
         doublings: How many times in succession orbits of twice the period are followed from flips, and broken waves
@@ -218,9 +219,12 @@ def response(
     check_row(plain)
     changes = [(key, float(v)) for key, values in family.items() for v in values] or [None]
     scenes = [plain if change is None else vary(with_numbers(plain, [change[0]]), *change) for change in changes]
+    values = np.linspace(low, high, num)
+    if linear is None and at is None:
+        linear = _default_state(scenes, along, values, of, method)
+        scene, scenes = in_state(scene, linear), [in_state(one, linear) for one in scenes]
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, of_sweep=True)
     run = {"n_periods": resolved.n_periods, "transient": resolved.transient, "method": resolved.asked}
-    values = np.linspace(low, high, num)
     in_succession = int(plain.row is not None) if doublings is None else doublings
     sizes = (most_points or MOST_POINTS, in_succession)
     members = [_member(one, along, values, of, at, sizes, run, progress) for one in scenes]
@@ -258,17 +262,37 @@ def _member(
     return Member(swept, None, [], free, reason)
 
 
+def _default_state(
+    scenes: list[Scene], along: str, values: np.ndarray, of: str, method: MethodArgument
+) -> LinearState | None:
+    """The state that the contact of all members keeps at all values and peaks; None where it is to march."""
+
+    def state_at(scene: Scene, at: np.ndarray) -> LinearState | None:
+        return default_state(scenes_at(with_numbers(scene, [along]), [along], at[:, None]), method)
+
+    states = {state_at(one, values) for one in scenes}
+    if len(states) > 1 or None in states:
+        return None
+    for one in scenes:
+        linear = in_state(one, *states)
+        peaks = linear_peaks(_linear_amplitudes(linear, along, of), values, one.layout)
+        tops = np.array([peak.value for peak in peaks])
+        if len(tops) and state_at(one, tops) not in states:
+            return None
+    return states.pop()
+
+
+def _linear_amplitudes(scene: Scene, along: str, of: str) -> AmplitudesAt:
+    """The amplitudes of a scene whose contact stays in one state, at values of a number."""
+    numbered = with_numbers(scene, [along])
+    return lambda at: linear_amplitude_values(scenes_at(numbered, [along], at[:, None]), of)
+
+
 def _linear_member(
     scene: Scene, along: str, values: np.ndarray, of: str, swept: SweepResult, free: tuple[float, float]
 ) -> Member:
     """The response of a scene whose contact stays in one state."""
-    numbered = with_numbers(scene, [along])
-
-    def amplitudes(at: np.ndarray) -> np.ndarray:
-        return linear_amplitude_values(scenes_at(numbered, [along], at[:, None]), of)
-
-    own = swept.data.sel(direction="independent")[of].to_numpy()
-    peaks = linear_peaks(amplitudes, values, own, scene.layout)
+    peaks = linear_peaks(_linear_amplitudes(scene, along, of), values, scene.layout)
     return Member(swept, None, peaks, free, f"a closed form of contact that stays {scene.parts.contact} has no branch")
 
 

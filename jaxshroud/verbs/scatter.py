@@ -31,7 +31,7 @@ from jaxshroud.signals.statistics import SobolIndices, saltelli_rows, variance_i
 from jaxshroud.verbs.arguments import check_row, one_scene
 from jaxshroud.verbs.asked import MethodArgument
 from jaxshroud.verbs.design_problem import check_bounds, check_condition, check_objective
-from jaxshroud.verbs.linear import in_state
+from jaxshroud.verbs.linear import default_state, in_state
 from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.plan import plan_march
 from jaxshroud.verbs.scattering import Spread, probability_values, scatter_bounds
@@ -74,7 +74,8 @@ def scatter(
         of: By default P_d, and of a scene with a mean load or interference P_d_vibration: "P_d", "P", or an amplitude
             of the left blade, "x_peak" or another of `gradient`; of a row P_d and P of all blades, "P_d_worst" of the
             blade that gains the least, or the largest RMS value or peak.
-        linear: "apart" or "stuck": in closed form, of contact that stays in this state; see `power`.
+        linear: "apart" or "stuck": in closed form, of contact that stays in this state; by default where that of all
+            draws does, see `power`.
         at_least: P_d, or P_d_worst, [percent] whose probability is computed.
         draws: Rows of each of the two sample matrices, rounded up to a power of 2; there are (2 + keys) times as many
             runs in every condition.
@@ -125,6 +126,9 @@ def scatter(
     scenes = _scenes(nominal, list(bounds), rows.reshape(-1, len(bounds)), condition_values)
     if is_reduction(of):
         check_vibration(of, scenes, lambda lacks: lacks.reshape(per_draw, -1).all(axis=1).any())  # all of a condition
+    if linear is None and state is None:
+        linear = default_state(scenes, method)
+        scenes, resolved = in_state(scenes, linear), resolved._replace(scene=in_state(resolved.scene, linear))
     march = plan_march(resolved, scenes, FOR_P_D)
     run = sweep(
         scenes,

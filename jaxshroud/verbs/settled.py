@@ -3,10 +3,11 @@
 import jax
 import numpy as np
 
-from jaxshroud.batch.equilibrium import Equilibrium
+from jaxshroud.batch.equilibrium import Equilibrium, static_equilibria
 from jaxshroud.batch.held_contact import LinearState, held_contact, sprung
 from jaxshroud.batch.linear_motion import LinearMotion, linear_motions
 from jaxshroud.batch.linear_runs import linear_status
+from jaxshroud.batch.linear_transient import outlasts_transient
 from jaxshroud.batch.load_path import start_equilibria
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.model.modes import Mode, Status
@@ -14,6 +15,8 @@ from jaxshroud.results.data_sheet import SettledMotion
 from jaxshroud.scene.layout import SPRUNG
 from jaxshroud.scene.preload import is_preloaded
 from jaxshroud.scene.scene import Scene, without_given
+
+DIED_OUT = 1e-3  # of a free vibration
 
 
 def has_settled_motion(scene: Scene) -> bool:
@@ -44,6 +47,50 @@ def _without_state(scene: Scene, equilibria: int) -> str:
     if scene.start == "from rest":
         return "the loads cannot be followed from the unloaded position: blades snap, or corners meet at one height"
     return "no static equilibrium was found"
+
+
+def kept_state(scenes: Scene) -> LinearState | None:
+    """The one state of contact that each of scenes (leading axis) keeps from its start on; None where there is none.
+
+    It is said of scenes that begin in their static equilibrium, the only one, and whose blades do not turn: their
+    settled motion is the closed form, and not nearly.
+    """
+    judged = scenes.start == "static" and scenes.parts.contact == "spring" and "theta" not in scenes.parts.motion
+    if not judged or scenes.blade_matrices is not None:
+        return None
+    lanes: Scene = jax.tree.map(np.asarray, without_given(scenes))
+    rest = static_equilibria(lanes)
+    is_apart = rest.contact.mode == Mode.APART
+    if np.any(rest.found != 1) or (is_apart.any() and not is_apart.all()):
+        return None
+    state: LinearState = "apart" if is_apart.all() else "stuck"
+    held = held_contact(lanes, state)
+    motion = linear_motions(lanes, held)
+    keeps = np.all(linear_status(motion) == Status.OK) and np.all(outlasts_transient(lanes, held, motion))
+    return state if keeps else None
+
+
+def settling_periods(scenes: Scene) -> float:
+    """The drive periods in which the slowest free vibration of scenes (leading axis) falls to `DIED_OUT`.
+
+    It is inf where a coordinate is not damped, and NaN for blades by matrices.
+    """
+    if scenes.blade_matrices is not None:
+        return float("nan")
+    blades, motion = scenes.mistuned_blades, scenes.parts.motion
+    numbers = {
+        "x": (blades.m, blades.c_x, blades.k_x),
+        "y": (blades.inertia_y, blades.c_y, blades.k_y),
+        "theta": (blades.I, blades.c_T, blades.k_T),
+    }
+    omega = np.asarray(scenes.drive.omega, float)[:, None]
+    slowest = np.inf
+    for name in motion:
+        m, c, k = (np.asarray(a, float) for a in numbers[name])
+        damping, square = c / (2 * m), k / m
+        creeps = np.sqrt(np.maximum(damping**2 - square, 0.0))
+        slowest = min(slowest, float(np.min((damping - creeps) / omega)))
+    return float(-np.log(DIED_OUT) / (2 * np.pi * slowest)) if slowest > 0 else np.inf
 
 
 def _rubs(scene: Scene) -> bool:

@@ -25,7 +25,7 @@ from jaxshroud.signals.amplitudes import check_vibration
 from jaxshroud.signals.period import NOT_SETTLED, SETTLED
 from jaxshroud.verbs.arguments import check_row, one_scene
 from jaxshroud.verbs.asked import MethodArgument
-from jaxshroud.verbs.linear import in_state
+from jaxshroud.verbs.linear import default_state, in_state
 from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.sweep import sweep
 
@@ -58,7 +58,8 @@ def table(
             (`x_peak`, `theta_rms` and so on; the largest one of all blades) or load (`N_max`, `v_max`, `friction_work`,
             `slip`, `archard`, `impacts`, `F_max`, `approach_max`, `impulse_max`; of rows of blades the largest one of
             all interfaces).
-        linear: "apart" or "stuck": in closed form, of contact that stays in this state; see `power`.
+        linear: "apart" or "stuck": in closed form, of contact that stays in this state; by default where that of all
+            designs does, see `power`.
         n_periods: Drive periods kept; by default 64.
         transient: Drive periods run and discarded first; by default 64.
         method: How to march: a method, or the accuracy that chooses one for all rows; see `method_for`.
@@ -99,6 +100,9 @@ def table(
     scenes = rows.scenes(base)
     if by in ("P_d", "P_d_worst"):
         check_vibration(by, scenes, np.all)
+    if linear is None:
+        linear = default_state(scenes, method)
+        scene, scenes = in_state(scene, linear), in_state(scenes, linear)
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
     with warnings.catch_warnings(action="ignore", category=LaneWarning):  # told below, of all rows
         swept = sweep(

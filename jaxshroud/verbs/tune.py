@@ -9,7 +9,7 @@ from typing import cast
 
 import numpy as np
 
-from jaxshroud.batch.held_contact import LinearState
+from jaxshroud.batch.held_contact import LinearState, is_linear
 from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Plan, Progress, Ticker
 from jaxshroud.march.method import FOR_P_D, choices
@@ -33,6 +33,7 @@ from jaxshroud.verbs.design_problem import (
     design_corners,
     judge_designs,
     problem_of,
+    scenes_of,
 )
 from jaxshroud.verbs.gradient_ascent import (
     LIMIT_MARGIN,
@@ -46,7 +47,7 @@ from jaxshroud.verbs.gradient_ascent import (
     verify_design,
 )
 from jaxshroud.verbs.lanes import with_tangents
-from jaxshroud.verbs.linear import in_state
+from jaxshroud.verbs.linear import default_state, in_state
 from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.robust import RobustnessRequest, robustness, robustness_request
 from jaxshroud.verbs.scattering import Scattering, scattering_of
@@ -101,7 +102,8 @@ def tune(
             without contact. This reduction is then meant by P_d everywhere; `Tuned.level` is the quantity itself.
             Slopes of peaks are taken across a neighbourhood.
         linear: "apart" or "stuck": in closed form, of contact that stays in this state; a design whose
-            contact leaves it is not feasible.
+            contact leaves it is not feasible. By default where the contact of all designs of the scan does, see
+            `power`.
         most_penetration: Largest allowed penetration in every condition, transients included [m].
         most_force: Largest allowed normal force of the contact, likewise [N].
         scatters: Keys of numbers that scatter uniformly, with half widths: a number in SI units, or a share of the
@@ -155,6 +157,11 @@ def tune(
     robust_request = robustness_request(scattering is not None, loss, at_least, check_draws, motions, seed)
     problem = problem_of(nominal, over, conditions or {}, scattering, of)
     check_comparable(problem)
+    counts = (search or SearchOptions()).of_size(len(over))
+    if linear is None and state is None:
+        scanned = problem.values(_scanned_cube(len(over), counts[0], seed))
+        linear = default_state(scenes_of(problem, scanned), method)
+        scene, problem = in_state(scene, linear), problem._replace(scene=in_state(problem.scene, linear))
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
     march = with_tangents(resolved, design_corners(problem), FOR_P_D)
     within = bool(min(most_penetration, most_force) < np.inf)
@@ -162,7 +169,6 @@ def tune(
     plan = Plan(resolved.transient, resolved.n_periods, march.steps, 0.0, choices)
     limits = {"most_penetration": most_penetration, "most_force": most_force}
     problem = problem._replace(goal=goal, **limits, plan=plan, state=state)
-    counts = (search or SearchOptions()).of_size(len(over))
     lanes = _most_lanes(problem, counts) + (robust_request.lanes(problem) if robust_request else 0)
     ticker = Ticker(lanes * (plan.transient + plan.kept), progress)
     tuned = _search(problem, counts, seed, robust_request, ticker)
@@ -189,10 +195,8 @@ def _search(
     problem: Problem, counts: tuple[int, int, int], seed: int, robust_request: RobustnessRequest | None, ticker: Ticker
 ) -> Tuned:
     """Scan, ascend, sample around the best design, and simulate the winner again."""
-    from scipy.stats import qmc
-
     (scan, n_starts, updates), size = counts, len(problem.over)
-    cube = qmc.Sobol(size, rng=np.random.default_rng(seed)).random_base2(int(np.ceil(np.log2(scan))))[:scan]
+    cube = _scanned_cube(size, scan, seed)
     scanned = judge_designs(problem, problem.values(cube), ticker)
     best_first = np.argsort(-scanned.score, kind="stable")[:n_starts]
     paths = ascent_paths(problem, cube[best_first], DesignJudgement(*(a[best_first] for a in scanned)), updates, ticker)
@@ -230,6 +234,13 @@ def _search(
     return _tuned_result(problem, {**values, **robust_values}, coords)
 
 
+def _scanned_cube(size: int, scan: int, seed: int) -> np.ndarray:
+    """The designs of the scan, in the unit cube, (scan, keys)."""
+    from scipy.stats import qmc
+
+    return qmc.Sobol(size, rng=np.random.default_rng(seed)).random_base2(int(np.ceil(np.log2(scan))))[:scan]
+
+
 def _objective_ci(problem: Problem, judgement: DesignJudgement) -> np.ndarray:
     """Half widths of the intervals of objectives (n,): of the mean of independent runs, or of the least."""
     if problem.goal == "mean":
@@ -245,7 +256,8 @@ def _tuned_result(problem: Problem, values: dict[str, object], coords: dict[str,
         "conditions_json": json.dumps(problem.conditions),
         "start": "scene" if problem.state is None else "given",
     }
-    march = MarchPlan(plan.steps_per_period, plan.method).attributes
+    state = problem.scene.parts.contact if is_linear(problem.scene) else ""
+    march = MarchPlan(plan.steps_per_period, plan.method, None, state).attributes
     run = {"periods": plan.kept, "transient": plan.transient, "steps_per_period": plan.steps_per_period}
     attrs = {"title": "", "scene": text_of(problem.scene, run)}
     tuned = Tuned.from_values({**values, **request, **march}, coords=coords, attrs=attrs)

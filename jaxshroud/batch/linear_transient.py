@@ -1,0 +1,102 @@
+"""What dies out beside a settled linear motion: how fast, and whether contact keeps its state until then, too.
+
+What dies out is a sum of decaying modes, and none is ever larger than at the start. A margin of the settled motion that
+is above the sum of their magnitudes in it cannot be used up.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxshroud.batch.equilibrium import coordinates_at, in_pieces
+from jaxshroud.batch.held_contact import HeldContact, sprung
+from jaxshroud.batch.linear_motion import NUMBERS_OF_MOTIONS, LinearMatrices, LinearMotion, linear_swing
+from jaxshroud.cache.programs import kept
+from jaxshroud.scene.scene import Scene, without_given
+from jaxshroud.scene.typed import FloatArray
+
+ROUNDING = 1e-6  # of the start, to which its modes must sum up
+
+
+class _Transient(NamedTuple):
+    """What dies out in lanes: where it begins, and the derivatives of the numbers that must keep their signs."""
+
+    matrices: LinearMatrices
+    place: Any  # (lanes, coordinates)
+    rate: Any
+    N: Any  # (lanes, interfaces, points, coordinates) of normal forces
+    slip: Any  # (lanes, interfaces, 2 points, coordinates) of mu N - F and of mu N + F
+    gap: Any  # (lanes, interfaces, corners, coordinates) of gaps
+
+
+def outlasts_transient(scenes: Scene, held: HeldContact, motion: LinearMotion) -> np.ndarray:
+    """Whether each lane (leading axis) keeps its state from the start at rest in the static equilibrium on.
+
+    The blades of the scenes do not turn. It is said of no lane whose motion does not die out.
+    """
+    transients: _Transient = in_pieces(_transients, (without_given(sprung(scenes)), held), NUMBERS_OF_MOTIONS)
+    lanes = [jax.tree.map(lambda a, i=i: a[i], transients) for i in range(len(transients.place))]
+    bounds = [_bounds(lane) for lane in lanes]
+    margins = motion.margins
+    used = zip(*bounds, strict=True)
+    pairs = zip((margins.N, margins.slip, margins.gap), used, strict=True)
+    return np.all([np.all(np.asarray(least) > np.array(most), axis=-1) for least, most in pairs], axis=0)
+
+
+def _bounds(lane: _Transient) -> list[FloatArray]:
+    """How much of the margins of N, of slip and of the gap, (interfaces,) each, what dies out can take at most."""
+    eigenvalues, modes = np.linalg.eig(_rate_matrix(lane.matrices))
+    size = len(lane.place)
+    start = np.concatenate([lane.place, lane.rate])
+    shares = np.linalg.lstsq(modes, start.astype(complex), rcond=None)[0]
+    numbers = lane.N, lane.slip, lane.gap
+    lost = np.abs(modes @ shares - start) > ROUNDING * np.abs(start).max()
+    if lost.any() or eigenvalues.real.max() >= 0:
+        return [np.full(len(a), np.inf) for a in numbers]
+    return [np.abs(a @ (modes[:size] * shares)).sum(axis=-1).max(axis=-1) for a in numbers]
+
+
+def linear_multipliers(scenes: Scene, held: HeldContact) -> np.ndarray:
+    """The Floquet multipliers of each linear motion (leading axis), largest first: those of places and rates."""
+    transients: _Transient = in_pieces(_transients, (without_given(sprung(scenes)), held), NUMBERS_OF_MOTIONS)
+    period = 2 * np.pi / np.asarray(scenes.drive.omega, float)
+    every = []
+    for i, T in enumerate(period):
+        own = jax.tree.map(lambda a, i=i: a[i], transients.matrices)
+        multipliers = np.exp(T * np.linalg.eigvals(_rate_matrix(own)))
+        every.append(multipliers[np.argsort(-np.abs(multipliers), kind="stable")])
+    return np.array(every)
+
+
+def _rate_matrix(matrices: LinearMatrices) -> FloatArray:
+    """The matrix of the first-order system of places and rates."""
+    M, C, K = matrices
+    masses = np.diag(M)[:, None]
+    return np.block([[np.zeros_like(K), np.eye(len(K))], [-K / masses, -C / masses]])
+
+
+@kept()
+def _transients(scenes: Scene, held: HeldContact) -> _Transient:
+    return jax.vmap(_transient)(scenes, held)
+
+
+def _transient(scene: Scene, held: HeldContact) -> _Transient:
+    swing, at, matrices = linear_swing(scene, held)
+    size, blades = matrices.K.shape[0], scene.blades.m.shape[-1]
+    places = coordinates_at(blades, held.case.shape[0])
+    place, rate = jnp.zeros(size, swing.mean.dtype), jnp.zeros(size, swing.mean.dtype)
+    for n, a in swing.waves.items():
+        place, rate = place - a.imag[:size], rate - scene.drive.frequency(n) * a.real[:size]
+
+    def over_blades(by: Any) -> Any:
+        """Derivatives by the coordinates of interfaces (interfaces, numbers, 6) as those by the ones of all blades."""
+        interface, number = jnp.arange(by.shape[0])[:, None, None], jnp.arange(by.shape[1])[None, :, None]
+        whole = jnp.zeros((*by.shape[:2], 3 * blades), by.dtype)
+        return whole.at[interface, number, places[:, None, :]].add(by)[..., :size]
+
+    mu = jnp.broadcast_to(jnp.atleast_1d(scene.friction.mu), held.case.shape)[:, None, None]
+    N_q, F_q = over_blades(at.N_q), over_blades(at.F_q)
+    slip_q = jnp.concatenate([mu * N_q - F_q, mu * N_q + F_q], axis=1)
+    return _Transient(matrices, place, rate, N_q, slip_q, over_blades(at.open_v_q))
