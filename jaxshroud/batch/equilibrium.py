@@ -91,7 +91,7 @@ def static_equilibria(scenes: Scene) -> Equilibrium:
 
 def least_energy_equilibria(scenes: Scene) -> Equilibrium:
     """`static_equilibria` of each of scenes (leading axis) that are without friction already."""
-    return in_pieces(_least_energy, (scenes,), NUMBERS_AT_ONCE)
+    return in_pieces(_under_mean_loads, (scenes,), NUMBERS_AT_ONCE)
 
 
 def of_alike_at_rest(f: Callable[[Scene], Any], scenes: Scene) -> Any:
@@ -124,8 +124,12 @@ def in_pieces(f: Callable[..., Any], trees: tuple[Any, ...], at_once: int) -> An
     return jax.tree.map(lambda *a: np.concatenate(a), *pieces)
 
 
-def _least_energy(scenes: Scene) -> Equilibrium:
-    springs = springs_of(scenes)
+def _under_mean_loads(scenes: Scene) -> Equilibrium:
+    return equilibria_under(springs_of(scenes), scenes)
+
+
+def equilibria_under(springs: Springs, scenes: Scene) -> Equilibrium:
+    """`static_equilibria` of few scenes (leading axis) without friction, under the loads on their `springs`."""
     if scenes.parts.contact == "none":
         return _without_contact(springs)
     ends = [_equilibrium(scenes, springs, first) for first in _first_states(scenes)]
@@ -186,33 +190,39 @@ def _equilibrium(scenes: Scene, springs: Springs, contact: ContactState) -> Equi
             lambda a, b, wrong=wrong: np.where(wrong.reshape(wrong.shape + (1,) * (a.ndim - 2)), b, a), contact, new
         )
         q, at = position_in(scenes, springs, contact, np.where(settled[:, None, None], q, 0.0))
+    return equilibrium_at(springs, contact._replace(u_s=at.u), at, q, settled)
+
+
+def equilibrium_at(
+    springs: Springs, contact: ContactState, at: RestingContact, q: FloatArray, settled: np.ndarray
+) -> Equilibrium:
+    """The equilibrium of lanes at positions in a state of contact; NaN where they are not `settled`."""
     lost = np.isnan(q).any(axis=(1, 2)) | ~settled
     forces = unbalanced(springs, at, q)
     residual = np.abs(_reduced(springs, contact, forces)).max(axis=1) / np.maximum(_largest(springs, at, q), 1e-300)
-    pressed = contact._replace(u_s=at.u)
     work = np.sum((springs.stiffness * q.reshape(len(q), -1) / 2 - springs.load) * q.reshape(len(q), -1), axis=1)
     q = np.where(lost[:, None, None], np.nan, q)
-    return Equilibrium(q, settled.astype(int), pressed, at, work + at.energy.sum(axis=1), residual)
+    return Equilibrium(q, settled.astype(int), contact, at, work + at.energy.sum(axis=1), residual)
 
 
 def position_in(
     scenes: Scene, springs: Springs, contact: ContactState, q: FloatArray
 ) -> tuple[FloatArray, RestingContact]:
     """The positions of equilibrium in one state of contact of each lane by Newton's method, and the contact there."""
-    rigid = directions(springs, contact) if np.any(contact.case == FLAT) else None
     for _ in range(MOST_UPDATES):
-        at = _held_contact(scenes, q, contact)
-        step = _newton_step(springs, at, q, rigid)
+        at = contact_at(scenes, q, contact)
+        step = displacements_under(unbalanced(springs, at, q), springs, contact, at)
         q = q + step
         with np.errstate(invalid="ignore"):
             if not np.any(np.abs(step).max(axis=(1, 2)) > CONVERGED * np.abs(q).max(axis=(1, 2))):
                 break
-    return q, _held_contact(scenes, q, contact)
+    return q, contact_at(scenes, q, contact)
 
 
-def _newton_step(springs: Springs, at: RestingContact, q: FloatArray, rigid: FloatArray | None) -> FloatArray:
-    """The update of the position; `rigid` are the directions of motion where some blocks turn together."""
-    r, K, step = unbalanced(springs, at, q), _stiffness(springs, at), np.zeros((len(q), q[0].size))
+def displacements_under(r: FloatArray, springs: Springs, contact: ContactState, at: RestingContact) -> FloatArray:
+    """The displacements (lanes, 3, blades) by further forces (lanes, 3 blades), in the state of contact as it is."""
+    rigid = directions(springs, contact) if np.any(contact.case == FLAT) else None
+    K, step = _stiffness(springs, at), np.zeros(r.shape)
     moves = np.flatnonzero(springs.moves)
     if rigid is None:
         K, r = K[:, moves[:, None], moves], r[:, moves]
@@ -225,10 +235,11 @@ def _newton_step(springs: Springs, at: RestingContact, q: FloatArray, rigid: Flo
         step[:, moves] = y[..., 0]
     else:
         step = (rigid @ y)[..., 0]
-    return np.where(usable[:, None], step, np.nan).reshape(q.shape)
+    return np.where(usable[:, None], step, np.nan).reshape(len(r), 3, -1)
 
 
-def _held_contact(scenes: Scene, q: FloatArray, contact: ContactState) -> RestingContact:
+def contact_at(scenes: Scene, q: FloatArray, contact: ContactState) -> RestingContact:
+    """The contact of scenes at positions in a state, as NumPy arrays."""
     dtype = scenes.drive.omega.dtype
     held = resting_contact(scenes, q.astype(dtype), contact.mode, contact.case, contact.u_s.astype(dtype))
     return jax.tree.map(np.asarray, held)

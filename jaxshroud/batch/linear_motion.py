@@ -5,53 +5,30 @@ the static equilibrium, with the sliders where they are put down there. Without 
 neglects terms of the order of the angles, and that contact moves from corner to corner.
 """
 
-from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxshroud.batch.equilibrium import (
-    PRESSED,
-    ContactState,
-    coordinates_at,
-    directions,
-    friction_free,
-    in_pieces,
-    least_energy_equilibria,
-    of_alike_at_rest,
-    position_in,
-    springs_of,
-)
+from jaxshroud.batch.equilibrium import PRESSED, coordinates_at, friction_free, in_pieces
+from jaxshroud.batch.held_contact import HeldContact, held_contact, sprung
 from jaxshroud.batch.steady_numbers import SteadyNumbers, least_value, negative, steady_course, steady_extremes
 from jaxshroud.cache.programs import kept
 from jaxshroud.model.arithmetic import sine_versine
 from jaxshroud.model.coupling import coupled_damping
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import static_position
-from jaxshroud.model.modes import FLAT, Mode
+from jaxshroud.model.modes import Mode
 from jaxshroud.model.resting_contact import resting_contact_of
 from jaxshroud.model.rhs import blade_mean_square, position_at
+from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.layout import COORDINATES
-from jaxshroud.scene.other_parts import with_parts
 from jaxshroud.scene.scene import Scene, without_given
 
-LinearState = Literal["apart", "stuck"]
 SAMPLES = 128  # of the period of the highest harmonic
 NUMBERS_OF_MOTIONS = 1 << 18  # numbers of the matrices of lanes that share a program
-
-
-class HeldContact(NamedTuple):
-    """The static position of lanes and the state of contact in which they stay."""
-
-    q: Any  # (lanes, 3, blades)
-    mode: Any  # (lanes, interfaces, points)
-    case: Any  # (lanes, interfaces)
-    u_s: Any  # (lanes, interfaces, points) [m]
-    rigid: Any  # (lanes, 3 blades, 3 blades) directions in which the blocks can move, see `directions`
-    found: Any  # (lanes,) how many static equilibria there are
 
 
 class Margins(NamedTuple):
@@ -89,46 +66,6 @@ class LinearMotion(NamedTuple):
     F_max: Any
     v_max: Any  # (lanes, interfaces) largest penetration
     other_rest: Any  # (lanes, interfaces) the margin of slip with sliders at the rest that is best for it, about [N]
-
-
-def sprung(scenes: Scene) -> Scene:
-    """Scenes whose contact is asked to stay in one state, with contact that begins and ends."""
-    return with_parts(scenes, scenes.parts._replace(contact="spring")) if is_linear(scenes) else scenes
-
-
-def is_linear(scenes: Scene) -> bool:
-    """Whether scenes are asked to stay in one state of contact."""
-    return scenes.parts.contact in ("apart", "stuck")
-
-
-def held_contact(scenes: Scene, state: LinearState) -> HeldContact:
-    """The static position of scenes (leading axis) in a state of contact.
-
-    Faces that are asked to stick and that the static equilibrium leaves open are held together: their margin says so.
-    """
-    return of_alike_at_rest(partial(_contact_held_in, state=state), friction_free(without_given(sprung(scenes))))
-
-
-def _contact_held_in(scenes: Scene, state: LinearState) -> HeldContact:
-    springs, layout = springs_of(scenes), scenes.layout
-    shape = len(scenes.drive.omega), layout.interfaces
-    apart = ContactState(
-        np.zeros((*shape, max(scenes.points, 1)), np.int32),
-        np.zeros(shape, np.int32),
-        np.zeros((*shape, max(scenes.points, 1))),
-    )
-    if state == "apart":
-        q, _ = position_in(scenes, springs, apart, np.zeros((shape[0], 3, layout.blades)))
-        return HeldContact(q, *apart, directions(springs, apart), np.ones(shape[0], int))
-    rest = least_energy_equilibria(scenes)
-    lost = np.any(np.isnan(rest.q), axis=(1, 2))
-    is_open = np.equal(rest.contact.mode, Mode.APART).any(axis=-1) | lost[:, None]
-    turns = "theta" in scenes.parts.motion and not scenes.points
-    case = np.where(is_open, FLAT if turns else 4, rest.contact.case).astype(np.int32)
-    contact = ContactState(np.full_like(rest.contact.mode, PRESSED), case, np.zeros_like(rest.contact.u_s))
-    q, at = position_in(scenes, springs, contact, np.where(lost[:, None, None], 0.0, rest.q))
-    stuck = np.full_like(contact.mode, Mode.STICK)
-    return HeldContact(q, stuck, case, at.u, directions(springs, contact), rest.found)
 
 
 def linear_motions(scenes: Scene, held: HeldContact) -> LinearMotion:
@@ -210,16 +147,19 @@ def linear_swing(scene: Scene, held: HeldContact) -> tuple[SteadyNumbers, Any, L
     turning = "theta" in scene.parts.motion
     blocks = _Blocks(blades * len(scene.parts.motion), lax.stop_gradient(held.rigid) if turning else None)
     q = lax.stop_gradient(held.q)
-    loose = held._replace(mode=jnp.where(held.mode == Mode.STICK, int(PRESSED), held.mode).astype(jnp.int32))
-    frictionless = friction_free(scene)
-    rest = resting_contact_of(frictionless, q, loose.mode, held.case, held.u_s)
+    rests_on_sliders = scene.start == "from rest"
+    loose = jnp.where(held.mode == Mode.STICK, int(PRESSED), held.mode).astype(jnp.int32)
+    if rests_on_sliders:
+        rest = resting_contact_of(scene, q, held.mode, held.case, held.u_s)
+    else:
+        rest = resting_contact_of(friction_free(scene), q, loose, held.case, held.u_s)
     mean = sines[0].load if 0 in sines else None
     load = jnp.zeros_like(springs) if mean is None else jnp.concatenate([mean(name) for name in COORDINATES])
     static_K = blocks.reduced(jnp.diag(springs) + _assembled(rest.load_q, blades))
     unbalanced = jnp.where(moves, load - springs * q.ravel() + _gathered(rest.load, blades), 0.0)
     q = q.ravel() + blocks.expanded(jnp.linalg.solve(static_K, blocks.over(unbalanced)), 3 * blades)
     q = q.reshape(3, blades)
-    at = resting_contact_of(scene, q, held.mode, held.case, None)
+    at = resting_contact_of(scene, q, held.mode, held.case, held.u_s if rests_on_sliders else None)
     K = blocks.reduced(jnp.diag(springs) + _assembled(at.load_q, blades))
     M, C = blocks.reduced_diagonal(masses), blocks.reduced_diagonal(dampers)
     if scene.is_coupled:
@@ -338,7 +278,13 @@ def linear_flow(motion: LinearMotion, scenes: Scene) -> LinearFlow:
 
 
 def linear_tangents(scenes: Scene, along: Scene, repeats: int) -> tuple[LinearMotion, LinearMotion]:
-    """The motions of scenes (leading axis), each so often, and their derivatives along as many directions."""
+    """The motions of scenes (leading axis), each so often, and their derivatives along as many directions.
+
+    Raises:
+        InputError: The faces stick where loads from rest have left them, which depends on the numbers in other ways.
+    """
+    if scenes.parts.contact == "stuck" and scenes.start == "from rest":
+        raise InputError('Closed forms with initial.friction = "from rest" have no derivatives; drop one of them.')
     own = without_given(sprung(scenes))
     held = held_contact(scenes, scenes.parts.contact)  # pyright: ignore[reportArgumentType]
     own, held = jax.tree.map(lambda a: np.repeat(np.asarray(a), repeats, axis=0), (own, held))

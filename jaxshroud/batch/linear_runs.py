@@ -6,7 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.linear_motion import LinearMotion, LinearState
+from jaxshroud.batch.held_contact import LinearState
+from jaxshroud.batch.linear_motion import LinearMotion
 from jaxshroud.batch.linear_sector import settled_linear_motions
 from jaxshroud.batch.march_protocol import March
 from jaxshroud.batch.periods import Sample

@@ -11,14 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.equilibrium import coordinates_at, in_pieces
-from jaxshroud.batch.linear_motion import (
-    NUMBERS_OF_MOTIONS,
-    HeldContact,
-    LinearMatrices,
-    LinearMotion,
-    linear_swing,
-    sprung,
-)
+from jaxshroud.batch.held_contact import HeldContact, sprung
+from jaxshroud.batch.linear_motion import NUMBERS_OF_MOTIONS, LinearMatrices, LinearMotion, linear_swing
 from jaxshroud.cache.programs import kept
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import FloatArray

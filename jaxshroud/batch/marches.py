@@ -5,7 +5,7 @@ from operator import attrgetter
 from jaxshroud.batch.blocks import PAIR_KERNELS
 from jaxshroud.batch.closed_form import closed_form_runs, free_trajectories, no_steps, no_trial
 from jaxshroud.batch.flows import PAIR_FLOWS
-from jaxshroud.batch.linear_motion import is_linear
+from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.batch.linear_runs import settled_runs
 from jaxshroud.batch.march_protocol import March
 from jaxshroud.batch.operation_count import size_of_pair_trial, size_of_row_trial

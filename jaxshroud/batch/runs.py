@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 
-from jaxshroud.batch.linear_motion import is_linear
+from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.batch.marches import march_of, require_march
 from jaxshroud.batch.periods import lanes_per_call
 from jaxshroud.batch.plan import Plan, Runs, Tick, Ticker, completed_runs

@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from jaxshroud.batch.linear_motion import is_linear
+from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.batch.plan import Runs
 from jaxshroud.batch.stretches import Trajectories
 from jaxshroud.model.prepared import State

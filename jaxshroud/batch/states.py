@@ -6,13 +6,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.equilibrium import static_equilibria
+from jaxshroud.batch.equilibrium import ContactState
+from jaxshroud.batch.load_path import start_equilibria
 from jaxshroud.cache.programs import is_traced, kept
 from jaxshroud.march.log import is_of_blades
 from jaxshroud.march.observables import ContactForces, contact_forces, stacked_point_forces
 from jaxshroud.model.arithmetic import ZERO, filled, is_zero, sincos_turns
 from jaxshroud.model.blade import ElasticMotion
 from jaxshroud.model.drive import drive_waves
+from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import points_last
 from jaxshroud.model.prepared import Model, State, as_pairs, prepared_model
 from jaxshroud.scene.checks import InputError
@@ -30,15 +32,29 @@ def initial_states(scenes: Scene) -> State:
 
 
 def static_states(scenes: Scene) -> State:
-    """The states of scenes (leading axis) in their static equilibria; see `Scene.start`."""
+    """The states of scenes (leading axis) in their static equilibria; see `Scene.start`.
+
+    They are apart, so that faces which overlap touch at once without friction, unless loads from rest have led there.
+    """
     if is_traced(scenes):
         raise InputError("A static start is not found inside JAX's transformations; give a `state` to start from.")
     single = not np.ndim(scenes.drive.omega)
     lanes = jax.tree.map(lambda a: np.asarray(a)[None], scenes) if single else scenes
-    at_rest = static_equilibria(lanes).q.astype(lanes.drive.omega.dtype)
+    rest = start_equilibria(lanes)
+    at_rest = rest.q.astype(lanes.drive.omega.dtype)
     x, y, theta = at_rest[0] if single else np.moveaxis(at_rest, 1, 0)
     still = np.zeros_like(x)
-    return states_apart(scenes, Motion(x, y, theta, still, still, still))
+    state = states_apart(scenes, Motion(x, y, theta, still, still, still))
+    is_led = scenes.start == "from rest" and scenes.parts.contact != "none"
+    return _in_contact(state, rest.contact) if is_led else state
+
+
+def _in_contact(state: State, contact: ContactState) -> State:
+    """A state apart, with its faces in a state of contact."""
+    apart = np.equal(contact.mode, Mode.APART).all(axis=-1)
+    case = np.where(apart, 0, contact.case).astype(np.int32).reshape(np.shape(state.case))
+    u_s = np.asarray(contact.u_s, state.u_s.dtype).reshape(np.shape(state.u_s))
+    return State(state.motion, u_s, np.reshape(contact.mode, np.shape(state.mode)), case)
 
 
 def states_apart(scenes: Scene, motion: Motion) -> State:

@@ -9,7 +9,7 @@ from typing import Unpack
 
 import numpy as np
 
-from jaxshroud.batch.linear_motion import is_linear
+from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.cli.terminal import CommandError, input_errors_at
 from jaxshroud.io.lane_status import AccuracyWarning
 from jaxshroud.march.method import Choices, Method, RungeKutta, Taylor

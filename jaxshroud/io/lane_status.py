@@ -13,7 +13,7 @@ MESSAGES = {
     Status.TOO_MANY_EVENTS: "contact changed more often in one step than can be followed; "
     "take twice the steps_per_period, another tableau, or the consistent reading",
     Status.NOT_FINITE: "the state or its energy overflowed; look at the drive, the damping and the units of the scene, "
-    "or take more steps_per_period",
+    "or take more steps_per_period; a static start that was not found ends so too, see `check`",
     Status.ANGLE_OUT_OF_RANGE: "a block turned beyond pi/4, where the model ends; look at drive.M_0 and blades.k_T",
     Status.NOT_RUN: "interrupted before it had come to its end; run it again",
     Status.OUT_OF_TRIALS: "more trial steps than `most_trials` were needed; give a larger bound, see `js.most_trials`",

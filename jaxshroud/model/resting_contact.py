@@ -35,6 +35,8 @@ class RestingContact(NamedTuple):
     u: Any  # (..., points) slide
     N_q: Any  # (..., points, 6) derivatives by the coordinates, as the next
     F_q: Any  # (..., points, 6)
+    v_q: Any  # (..., points, 6)
+    u_q: Any  # (..., points, 6)
     open_v: Any  # (..., corners) penetration of the upper and the lower corners, or of each point
     open_v_q: Any  # (..., corners, 6)
     natural_v: Any  # (...,) penetration in the natural case
@@ -108,6 +110,8 @@ def _contact_between(q: Any, state: State, model: Model) -> RestingContact:
         of_points.u,
         of_points_q.N,
         of_points_q.F,
+        of_points_q.v,
+        of_points_q.u,
         _open_corners(q, state, model),
         jax.jacfwd(_open_corners)(q, state, model),
         contact_kinematics(place, natural, model.block, model.reading).v,

@@ -318,8 +318,11 @@ def row_rhs(
     )
 
 
-def coupling_losses(z: Any, model: RowModel) -> OfBlades:
-    """The power lost between blades [W]: half of each damper for both of its blades, and what the flow takes."""
+def coupling_losses(z: Any, model: RowModel) -> Any:
+    """The power lost between blades [W]: half of each damper for both of its blades, and what the flow takes.
+
+    It is absent where nothing couples the blades.
+    """
     shroud, lost = model.blades.shroud(z), ZERO
     if model.coupling is not None:
         lost = lost + half_losses(shroud, model.coupling, model.closed)
@@ -328,7 +331,7 @@ def coupling_losses(z: Any, model: RowModel) -> OfBlades:
     return lost
 
 
-def coupling_energies(z: Any, model: RowModel) -> OfInterfaces:
+def coupling_energies(z: Any, model: RowModel) -> Any:
     """The energy of the springs between neighbours at each interface [J]; absent without them."""
     return ZERO if model.coupling is None else spring_energies(model.blades.shroud(z), model.coupling, model.closed)
 

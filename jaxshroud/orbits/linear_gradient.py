@@ -6,7 +6,8 @@ from typing import cast
 import jax
 import numpy as np
 
-from jaxshroud.batch.linear_motion import LinearState, held_contact, linear_flow
+from jaxshroud.batch.held_contact import LinearState, held_contact
+from jaxshroud.batch.linear_motion import linear_flow
 from jaxshroud.batch.linear_runs import linear_status
 from jaxshroud.batch.linear_sector import settled_linear_tangents
 from jaxshroud.batch.linear_transient import linear_multipliers

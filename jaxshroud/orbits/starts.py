@@ -1,6 +1,5 @@
 """Runs from random starts, in the range of the motion without contact, until each lane has settled."""
 
-from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from jaxshroud.batch.plan import Plan, Runs, Tick
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import carried_state, final_states, initial_states, motion_rows
+from jaxshroud.batch.states import carried_state, final_states, motion_rows, states_apart
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.cache.programs import kept
 from jaxshroud.march.events import place_contact
@@ -81,7 +80,7 @@ def random_row_starts(scene: Scene, n: int, seed: int, spread: float) -> State:
     drawn = np.random.default_rng(seed).uniform(-spread, spread, (n, len(rates), len(rates[0]))) * np.stack(rates)
     at_rest = np.zeros_like(drawn[:, 0])
     motion = Motion(at_rest, at_rest, at_rest, *np.moveaxis(drawn, 1, 0))
-    return replace(initial_states(repeat_lane(scene, n)), motion=motion)
+    return states_apart(repeat_lane(scene, n), motion)
 
 
 def _overlap(scene: Scene, motions: Motion):

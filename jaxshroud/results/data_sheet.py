@@ -42,7 +42,7 @@ class SettledMotion:
         margins += [f"mu N - |F| at least {self.slip:.4g} N"] if math.isfinite(self.slip) else []
         margins += [f"the gap at least {self.gap * 1e3:.4g} mm"] if math.isfinite(self.gap) else []
         number = (
-            "" if self.equilibria == 1 else f"; {self.equilibria} static equilibria, this about that of least energy"
+            "" if self.equilibria <= 1 else f"; {self.equilibria} static equilibria, this about that of least energy"
         )
         about = "exact without torsion" if self.exact else "neglecting terms of the order of the angles"
         told = f"linear: {self.state} throughout, {about}" if self.state else f"marched: {self.reason}"

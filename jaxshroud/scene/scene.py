@@ -178,7 +178,7 @@ class Scene(eqx.Module):
     coupling: Coupling = Coupling()  # between neighbours
     aero: Aero = Aero()  # of the flow, in rows alone
     # "motion": at `initial`, apart; "static": in the equilibrium of mean loads and contact without friction, with the
-    # sliders where the faces then are
+    # sliders where the faces then are; "from rest": where slowly applied mean loads leave blades that rub
     start: Start = eqx.field(static=True, default="motion")
 
     def __check_init__(self):
@@ -220,8 +220,6 @@ class Scene(eqx.Module):
     def _require_equilibrium(self) -> None:
         """Raise an InputError unless static equilibria of such a scene are known."""
         what = ""
-        if self.start == "from rest":
-            raise InputError('A static start with friction "from rest" is not known yet; drop initial.friction.')
         if self.contact.reading:
             what = "misprints (`reading`), whose contact has no energy"
         elif self.parts.contact not in (*SPRUNG, "none"):

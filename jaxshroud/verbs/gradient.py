@@ -5,8 +5,8 @@ from functools import partial
 
 import numpy as np
 
+from jaxshroud.batch.held_contact import LinearState, is_linear
 from jaxshroud.batch.limits import check_size
-from jaxshroud.batch.linear_motion import LinearState, is_linear
 from jaxshroud.batch.plan import Plan, Progress
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.march.method import FAST, FOR_P_D

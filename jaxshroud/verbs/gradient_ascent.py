@@ -1,6 +1,5 @@
 """The search for the best design: paths from the best points of a scan, and independent checks of the winner."""
 
-from dataclasses import replace
 from typing import NamedTuple, cast
 
 import jax
@@ -9,10 +8,11 @@ import numpy as np
 
 from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.flows import as_differentiable
-from jaxshroud.batch.linear_motion import is_linear, linear_flow
+from jaxshroud.batch.held_contact import is_linear
+from jaxshroud.batch.linear_motion import linear_flow
 from jaxshroud.batch.linear_sector import settled_linear_tangents
 from jaxshroud.batch.plan import Plan
-from jaxshroud.batch.states import initial_states, to_vector
+from jaxshroud.batch.states import states_apart, to_vector
 from jaxshroud.batch.tangents import direction, end_as_start, run_flow, without_direction
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.prepared import State
@@ -253,7 +253,7 @@ def _perturbed_start(scene: Scene, random: np.random.Generator) -> State:
         v_x, v_y = float(scene.drive.omega) * reach * (2 * random.random((2, blades)) - 1)
         at_rest = np.zeros(blades)
         motion = Motion(at_rest, at_rest, at_rest, v_x, v_y, at_rest)
-    return replace(initial_states(scene), motion=motion)
+    return states_apart(scene, motion)
 
 
 def checks_agree(judgement: DesignJudgement, checks: dict[str, DesignJudgement]) -> bool:

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import overload
 
-from jaxshroud.batch.linear_motion import LinearState
+from jaxshroud.batch.held_contact import LinearState
 from jaxshroud.scene.checks import InputError, word_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import SPRUNG
@@ -16,6 +16,8 @@ from jaxshroud.verbs.settled import kept_state
 
 @overload
 def in_state(scene: SceneFile, state: LinearState | None) -> SceneFile: ...
+@overload
+def in_state(scene: Scene, state: LinearState | None) -> Scene: ...
 @overload
 def in_state(scene: Scene | SceneFile, state: LinearState | None) -> Scene | SceneFile: ...
 def in_state(scene: Scene | SceneFile, state: LinearState | None) -> Scene | SceneFile:

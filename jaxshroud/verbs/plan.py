@@ -16,7 +16,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from jaxshroud.batch.linear_motion import is_linear
+from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.batch.marches import march_of, require_march
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.io.lane_status import AccuracyWarning

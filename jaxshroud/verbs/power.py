@@ -9,8 +9,8 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxshroud.batch.held_contact import LinearState, is_linear
 from jaxshroud.batch.limits import check_size
-from jaxshroud.batch.linear_motion import LinearState, is_linear
 from jaxshroud.batch.periods import PERIODS_PER_CALL, Sample
 from jaxshroud.batch.plan import Plan, Progress, Runs, Ticker
 from jaxshroud.batch.runs import run_lanes

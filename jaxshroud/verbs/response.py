@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxshroud.batch.linear_motion import LinearState, is_linear
+from jaxshroud.batch.held_contact import LinearState, is_linear
 from jaxshroud.batch.linear_runs import linear_amplitude_values
 from jaxshroud.batch.plan import Progress
 from jaxshroud.march.method_names import RESPONSES

@@ -7,8 +7,8 @@ from itertools import product
 
 import numpy as np
 
+from jaxshroud.batch.held_contact import LinearState
 from jaxshroud.batch.limits import check_size
-from jaxshroud.batch.linear_motion import LinearState
 from jaxshroud.batch.plan import Progress
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.model.modes import Status

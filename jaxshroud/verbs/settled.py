@@ -4,9 +4,11 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.equilibrium import Equilibrium, static_equilibria
-from jaxshroud.batch.linear_motion import LinearMotion, LinearState, held_contact, linear_motions, sprung
+from jaxshroud.batch.held_contact import LinearState, held_contact, sprung
+from jaxshroud.batch.linear_motion import LinearMotion, linear_motions
 from jaxshroud.batch.linear_runs import linear_status
 from jaxshroud.batch.linear_transient import outlasts_transient
+from jaxshroud.batch.load_path import start_equilibria
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.results.data_sheet import SettledMotion
@@ -28,16 +30,24 @@ def has_settled_motion(scene: Scene) -> bool:
 def settled_motion(scene: Scene) -> SettledMotion:
     """The judgement of a scene."""
     lanes, _ = sector_ring(jax.tree.map(np.asarray, one_lane(without_given(sprung(scene)))))
-    rest = static_equilibria(lanes)
+    rest = start_equilibria(lanes)
     is_apart = rest.contact.mode == Mode.APART
     exact = "theta" not in scene.parts.motion
     equilibria = int(rest.found[0])
     if not equilibria or (is_apart.any() and not is_apart.all()):
-        none = "no static equilibrium was found" if not equilibria else "faces are apart at some interfaces alone"
-        return SettledMotion("", none, exact, equilibria)
+        return SettledMotion("", _without_state(scene, equilibria), exact, equilibria)
     state: LinearState = "apart" if is_apart.all() else "stuck"
     motion = linear_motions(lanes, held_contact(lanes, state))
     return _judgement(state, motion, rest, exact, _rubs(scene))
+
+
+def _without_state(scene: Scene, equilibria: int) -> str:
+    """Why there is no state of contact in which the motion could stay."""
+    if equilibria:
+        return "faces are apart at some interfaces alone"
+    if scene.start == "from rest":
+        return "the loads cannot be followed from the unloaded position: blades snap, or corners meet at one height"
+    return "no static equilibrium was found"
 
 
 def kept_state(scenes: Scene) -> LinearState | None:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.batch.linear_motion import is_linear
+from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.batch.plan import Plan, Runs, Ticker
 from jaxshroud.batch.runs import SweepHandover, continued_runs, independent_runs, stepping_method

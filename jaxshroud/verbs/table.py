@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxshroud.batch.linear_motion import LinearState
+from jaxshroud.batch.held_contact import LinearState
 from jaxshroud.batch.plan import Progress
 from jaxshroud.io.lane_status import LaneWarning, warn_failures
 from jaxshroud.io.variable import Attribute

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.linear_motion import held_contact, linear_motions
+from jaxshroud.batch.held_contact import held_contact
+from jaxshroud.batch.linear_motion import linear_motions
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.checks import InputError
 

@@ -16,7 +16,8 @@ import jax
 import numpy as np
 
 import jaxshroud as js
-from jaxshroud.batch.linear_motion import held_contact, linear_motions
+from jaxshroud.batch.held_contact import held_contact
+from jaxshroud.batch.linear_motion import linear_motions
 from jaxshroud.batch.linear_transient import outlasts_transient
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.scene import Scene, without_given

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.linear_motion import held_contact, linear_motions
+from jaxshroud.batch.held_contact import held_contact
+from jaxshroud.batch.linear_motion import linear_motions
 from jaxshroud.batch.linear_transient import outlasts_transient
 from jaxshroud.scene.scene import without_given
 from jaxshroud.verbs.linear import default_state

@@ -1,0 +1,84 @@
+"""The static position of blades whose contact is asked to stay in one state, and that state at every interface."""
+
+from functools import partial
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from jaxshroud.batch.equilibrium import (
+    PRESSED,
+    ContactState,
+    directions,
+    friction_free,
+    least_energy_equilibria,
+    of_alike_at_rest,
+    position_in,
+    springs_of,
+)
+from jaxshroud.batch.load_path import loaded_equilibria
+from jaxshroud.model.modes import FLAT, Mode
+from jaxshroud.scene.other_parts import with_parts
+from jaxshroud.scene.scene import Scene, without_given
+
+LinearState = Literal["apart", "stuck"]
+
+
+class HeldContact(NamedTuple):
+    """The static position of lanes and the state of contact in which they stay."""
+
+    q: Any  # (lanes, 3, blades)
+    mode: Any  # (lanes, interfaces, points)
+    case: Any  # (lanes, interfaces)
+    u_s: Any  # (lanes, interfaces, points) [m]
+    rigid: Any  # (lanes, 3 blades, 3 blades) directions in which the blocks can move, see `directions`
+    found: Any  # (lanes,) how many static equilibria there are
+
+
+def sprung(scenes: Scene) -> Scene:
+    """Scenes whose contact is asked to stay in one state, with contact that begins and ends."""
+    return with_parts(scenes, scenes.parts._replace(contact="spring")) if is_linear(scenes) else scenes
+
+
+def is_linear(scenes: Scene) -> bool:
+    """Whether scenes are asked to stay in one state of contact."""
+    return scenes.parts.contact in ("apart", "stuck")
+
+
+def held_contact(scenes: Scene, state: LinearState) -> HeldContact:
+    """The static position of scenes (leading axis) in a state of contact.
+
+    Faces that are asked to stick and that the static equilibrium leaves open are held together: their margin says so.
+    After loads from rest the sliders are where these have left them.
+    """
+    if state == "stuck" and scenes.start == "from rest":
+        return _stuck_after_loads(sprung(scenes))
+    return of_alike_at_rest(partial(_contact_held_in, state=state), friction_free(without_given(sprung(scenes))))
+
+
+def _stuck_after_loads(scenes: Scene) -> HeldContact:
+    """The equilibria of scenes (leading axis) after loads from rest, with all faces stuck where they are."""
+    rest, springs = loaded_equilibria(scenes), springs_of(scenes)
+    stuck = rest.contact._replace(mode=np.full_like(rest.contact.mode, Mode.STICK))
+    return HeldContact(rest.q, *stuck, directions(springs, stuck), rest.found)
+
+
+def _contact_held_in(scenes: Scene, state: LinearState) -> HeldContact:
+    springs, layout = springs_of(scenes), scenes.layout
+    shape = len(scenes.drive.omega), layout.interfaces
+    apart = ContactState(
+        np.zeros((*shape, max(scenes.points, 1)), np.int32),
+        np.zeros(shape, np.int32),
+        np.zeros((*shape, max(scenes.points, 1))),
+    )
+    if state == "apart":
+        q, _ = position_in(scenes, springs, apart, np.zeros((shape[0], 3, layout.blades)))
+        return HeldContact(q, *apart, directions(springs, apart), np.ones(shape[0], int))
+    rest = least_energy_equilibria(scenes)
+    lost = np.any(np.isnan(rest.q), axis=(1, 2))
+    is_open = np.equal(rest.contact.mode, Mode.APART).any(axis=-1) | lost[:, None]
+    turns = "theta" in scenes.parts.motion and not scenes.points
+    case = np.where(is_open, FLAT if turns else 4, rest.contact.case).astype(np.int32)
+    contact = ContactState(np.full_like(rest.contact.mode, PRESSED), case, np.zeros_like(rest.contact.u_s))
+    q, at = position_in(scenes, springs, contact, np.where(lost[:, None, None], 0.0, rest.q))
+    stuck = np.full_like(contact.mode, Mode.STICK)
+    return HeldContact(q, stuck, case, at.u, directions(springs, contact), rest.found)

@@ -1,0 +1,248 @@
+"""Where mean loads leave blades that rub, if they are applied slowly and in proportion from the unloaded position.
+
+The path is followed from event to event. Within a state of contact Newton's method finds the equilibrium under a share
+of the loads; where a guard is crossed, the share is located, the state changes as in a march, and goes on if what then
+follows from a little more load agrees with it. Lanes ask for equilibria in generators of their own, which are answered
+together.
+"""
+
+from collections.abc import Generator
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from jaxshroud.batch.equilibrium import (
+    CHANGES_AT_ONCE,
+    MOST_CHANGES,
+    NUMBERS_AT_ONCE,
+    ContactState,
+    Equilibrium,
+    Springs,
+    contact_at,
+    displacements_under,
+    equilibria_under,
+    equilibrium_at,
+    friction_free,
+    in_pieces,
+    of_alike_at_rest,
+    passed_on,
+    position_in,
+    springs_of,
+    static_equilibria,
+    unbalanced,
+)
+from jaxshroud.batch.path_guards import (
+    PathGuards,
+    Placed,
+    Rubbing,
+    contact_after,
+    leaving,
+    path_guards,
+    rubbing_of,
+    sliders_at,
+)
+from jaxshroud.model.modes import Mode
+from jaxshroud.scene.scene import Scene, without_given
+from jaxshroud.scene.typed import FloatArray
+
+STEP = 1 / 64  # of the loads, where blocks turn; without that, equilibria in one state are linear in the loads
+SHORTEST_STEP = 1e-6  # beyond which nothing follows: the blocks snap, or there is no equilibrium
+STRAYED = 0.5  # of a step: an equilibrium farther from where the last one points to is not on its path
+ROUNDED = 1e-9  # of the largest displacement: a step that is no longer does not stray
+MOST_EVENTS = 1000  # of a path
+MOST_TRIALS = 100  # to locate an event
+LOCATED = 4 * float(np.finfo(float).eps)  # shares of the loads that differ by less are one
+
+
+class Trial(NamedTuple):
+    """What a lane asks for: the equilibrium in a state of contact under a share of the loads, or just the contact."""
+
+    share: float
+    contact: ContactState  # without the axis of lanes
+    q: FloatArray  # (3, blades) where it is sought
+    is_held: bool = False  # at `q` itself
+
+
+Walk = Generator[Trial, Placed | None, Placed | None]  # None: there is no such equilibrium; the path cannot be followed
+
+
+def loaded_equilibria(scenes: Scene) -> Equilibrium:
+    """The equilibria of scenes (leading axis) after their mean loads have been applied slowly, in proportion.
+
+    The path begins in the static equilibrium without mean loads and without friction, with the sliders where the faces
+    then are. A lane has NaN where its path cannot be followed, as where blades snap.
+    """
+    return of_alike_at_rest(_in_pieces, jax.tree.map(_in_float64, without_given(scenes)))
+
+
+def start_equilibria(scenes: Scene) -> Equilibrium:
+    """The equilibria in which scenes (leading axis) with a static start begin, see `Scene.start`."""
+    return loaded_equilibria(scenes) if scenes.start == "from rest" else static_equilibria(scenes)
+
+
+def _in_float64(a: Any) -> np.ndarray:
+    """A number of a scene; in float32 events would be told apart too coarsely."""
+    return np.asarray(a, float if np.issubdtype(np.asarray(a).dtype, np.floating) else None)
+
+
+def _in_pieces(scenes: Scene) -> Equilibrium:
+    return in_pieces(_loaded_piece, (scenes,), NUMBERS_AT_ONCE)
+
+
+def _loaded_piece(scenes: Scene) -> Equilibrium:
+    springs = springs_of(scenes)
+    if scenes.parts.contact == "none":
+        return equilibria_under(springs, scenes)
+    unloaded = equilibria_under(springs._replace(load=0 * springs.load), friction_free(scenes))
+    rubbing = rubbing_of(scenes)
+    contact = _unloaded_state(unloaded, scenes, np.stack([own.rubs for own in rubbing]))
+    walks = [_path(_lane(contact, i), unloaded.q[i], rubbing[i]) for i in range(len(rubbing))]
+    ends = _walked(walks, scenes, springs)
+    followed = np.array([end is not None for end in ends])
+    last = [_lane(contact, i) if end is None else end.contact for i, end in enumerate(ends)]
+    q = np.array([unloaded.q[i] if end is None else end.q for i, end in enumerate(ends)])
+    state = jax.tree.map(lambda *a: np.stack(a), *last)
+    return equilibrium_at(springs, state, contact_at(scenes, q, state), q, followed)
+
+
+def _unloaded_state(unloaded: Equilibrium, scenes: Scene, rubs: np.ndarray) -> ContactState:
+    """The state of contact without loads: what is pressed sticks, where there is friction."""
+    pressed = np.where(rubs, Mode.STICK, Mode.SLIP_PLUS)
+    at, mode = unloaded.contact, unloaded.contact.mode
+    mode = np.where(np.equal(mode, Mode.APART), mode, pressed).astype(np.int32)
+    fixed = 0 if scenes.points else 1  # without corners all cases are alike; marches have these
+    turns = "theta" in scenes.parts.motion and not scenes.points
+    return at._replace(mode=mode, case=at.case if turns else np.full_like(at.case, fixed))
+
+
+def _lane(tree, i: int):
+    return jax.tree.map(lambda a: a[i], tree)
+
+
+def _walked(walks: list[Walk], scenes: Scene, springs: Springs) -> list[Placed | None]:
+    """The ends of the paths of lanes; what they ask for in turn is found for all at once."""
+    trials: list[Trial] = [next(walk) for walk in walks]
+    ends: list[Placed | None] = [None] * len(walks)
+    going = set(range(len(walks)))
+    while going:
+        answers = _answers(trials, scenes, springs)
+        for i in sorted(going):
+            try:
+                trials[i] = walks[i].send(answers[i])
+            except StopIteration as end:
+                ends[i] = end.value
+                going.remove(i)
+    return ends
+
+
+def _answers(trials: list[Trial], scenes: Scene, springs: Springs) -> list[Placed | None]:
+    """What the trials of all lanes ask for."""
+    contact = jax.tree.map(lambda *a: np.stack(a), *[trial.contact for trial in trials])
+    share, held = (np.array([trial[i] for trial in trials]) for i in (0, 3))
+    begin = np.stack([trial.q for trial in trials])
+    loaded = springs._replace(load=share[:, None] * springs.load)
+    q, at = position_in(scenes, loaded, contact, begin)
+    if held.any():
+        q = np.where(held[:, None, None], begin, q)
+        at = contact_at(scenes, q, contact)
+    rate = displacements_under(np.where(springs.moves, springs.load, 0.0), springs, contact, at)
+    passed = passed_on(springs, contact, unbalanced(loaded, at, q))
+    at = jax.tree.map(_in_float64, at._replace(end_torques=at.end_torques + passed[..., None]))
+    lost = np.isnan([q, rate]).any(axis=(0, 2, 3))
+    placed = [Placed(float(share[i]), q[i], rate[i], trial.contact, _lane(at, i)) for i, trial in enumerate(trials)]
+    return [None if gone else one for one, gone in zip(placed, np.atleast_1d(lost), strict=True)]
+
+
+def _path(contact: ContactState, q: FloatArray, rubbing: Rubbing) -> Walk:
+    """The path of one lane from the unloaded position."""
+    now = None if np.isnan(q).any() else (yield Trial(0.0, contact, q))
+    for _ in range(MOST_EVENTS):
+        now = yield from _agreed(now, rubbing)
+        if now is None or now.share == 1:
+            return now and now._replace(contact=now.contact._replace(u_s=sliders_at(now, rubbing)))
+        now = yield from _to_next_event(now, rubbing)
+    return None
+
+
+def _agreed(now: Placed | None, rubbing: Rubbing) -> Walk:
+    """The lane under the same loads in a state of contact that lasts under a little more of them."""
+    for change in range(MOST_CHANGES):
+        if now is None:
+            return None
+        points, cases = leaving(now, rubbing)
+        if not points.any() and not cases.any():
+            return now
+        if change >= CHANGES_AT_ONCE:  # which go round in circles: some of them, drawn alike in every run
+            draw = np.random.default_rng(change)
+            points, cases = (a & (draw.random(a.shape) < 0.5) for a in (points, cases))
+        now = yield from _crossed(now, points, cases, rubbing)
+    return None
+
+
+def _crossed(now: Placed, points: np.ndarray, cases: np.ndarray, rubbing: Rubbing) -> Walk:
+    """The lane under the same loads once guards are crossed; where cases change, stuck points keep their stretch."""
+    after = contact_after(now, points, cases, rubbing)
+    if np.any(after.case != now.contact.case):
+        there = yield Trial(now.share, after, now.q, is_held=True)
+        if there is None:
+            return None
+        moved = there.at.u - now.at.u
+        after = after._replace(u_s=after.u_s + moved)
+    return (yield Trial(now.share, after, now.q))
+
+
+def _to_next_event(now: Placed, rubbing: Rubbing) -> Walk:
+    """The lane in the state after the next event, or under all of its loads if there is none."""
+    step = most = STEP if rubbing.turns else 1.0
+    while now.share < 1:
+        there = yield from _further(now, min(now.share + step, 1.0))
+        if there is None:
+            step /= 2
+            if step < SHORTEST_STEP:
+                return None
+        elif any(a.any() for a in path_guards(there, rubbing).crossed):
+            return (yield from _located(now, there, rubbing))
+        else:
+            now, step = there, min(2 * step, most)
+    return now
+
+
+def _further(now: Placed, share: float) -> Walk:
+    """The lane in its state of contact under a share of the loads; None where no equilibrium continues the path."""
+    ahead = (share - now.share) * now.rate
+    there = yield Trial(share, now.contact, now.q + ahead)
+    if there is None:
+        return None
+    strayed = np.abs(there.q - now.q - ahead).max() > STRAYED * np.abs(ahead).max() + ROUNDED * there.size
+    return None if strayed else there
+
+
+def _located(low: Placed, high: Placed, rubbing: Rubbing) -> Walk:
+    """The lane after the first event between two shares of the loads, at the higher one of which guards are crossed."""
+    for trial in range(MOST_TRIALS):
+        before, after = path_guards(low, rubbing), path_guards(high, rubbing)
+        if high.share - low.share <= LOCATED:
+            break
+        share = (low.share + high.share) / 2 if trial % 3 == 2 else _estimate(low.share, high.share, before, after)
+        there = yield from _further(low, share)
+        if there is None:
+            return None
+        now = path_guards(there, rubbing)
+        if any(a.any() for a in now.crossed):
+            high = there
+            continue
+        fires = [a & b for a, b in zip(now.reached, after.crossed, strict=True)]
+        if any(a.any() for a in fires):
+            return (yield from _crossed(there, fires[0], fires[1], rubbing))
+        low = there
+    return (yield from _crossed(high, *path_guards(high, rubbing).crossed, rubbing))
+
+
+def _estimate(low: float, high: float, before: PathGuards, after: PathGuards) -> float:
+    """The share at which the first guard is crossed, linearly between two; their middle where it tells nothing."""
+    begin, end = (np.concatenate([one.of_points.ravel(), one.of_cases]) for one in (before, after))
+    crossed = np.concatenate([a.ravel() for a in after.crossed])
+    first = float(np.min(-begin[crossed] / (end - begin)[crossed]))
+    share = low + first * (high - low)
+    return share if low < share < high else (low + high) / 2
