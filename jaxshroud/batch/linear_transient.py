@@ -53,7 +53,7 @@ def _bounds(lane: _Transient) -> list[FloatArray]:
     shares = np.linalg.lstsq(modes, start.astype(complex), rcond=None)[0]
     numbers = lane.N, lane.slip, lane.gap
     lost = np.abs(modes @ shares - start) > ROUNDING * np.abs(start).max()
-    if lost.any() or eigenvalues.real.max() >= 0:
+    if lost.any() or np.real(eigenvalues).max() >= 0:
         return [np.full(len(a), np.inf) for a in numbers]
     return [np.abs(a @ (modes[:size] * shares)).sum(axis=-1).max(axis=-1) for a in numbers]
 

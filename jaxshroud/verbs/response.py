@@ -270,16 +270,15 @@ def _default_state(
     def state_at(scene: Scene, at: np.ndarray) -> LinearState | None:
         return default_state(scenes_at(with_numbers(scene, [along]), [along], at[:, None]), method)
 
-    states = {state_at(one, values) for one in scenes}
-    if len(states) > 1 or None in states:
+    state = state_at(scenes[0], values)
+    if state is None or any(state_at(one, values) != state for one in scenes[1:]):
         return None
     for one in scenes:
-        linear = in_state(one, *states)
-        peaks = linear_peaks(_linear_amplitudes(linear, along, of), values, one.layout)
+        peaks = linear_peaks(_linear_amplitudes(in_state(one, state), along, of), values, one.layout)
         tops = np.array([peak.value for peak in peaks])
-        if len(tops) and state_at(one, tops) not in states:
+        if len(tops) and state_at(one, tops) != state:
             return None
-    return states.pop()
+    return state
 
 
 def _linear_amplitudes(scene: Scene, along: str, of: str) -> AmplitudesAt:
