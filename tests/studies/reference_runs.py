@@ -160,7 +160,7 @@ def models() -> Iterator[Run]:
 def shipped() -> Iterator[Run]:
     """All shipped scenes."""
     for name in js.shipped():
-        if name.endswith("_best") or name.startswith("row_"):  # these are newer than what is stored
+        if name.endswith(("_best", "_points")) or name.startswith("row_"):  # these are newer than what is stored
             continue
 
         def does(given: Given, name=name) -> Values:
@@ -455,13 +455,13 @@ def followed() -> Iterator[Run]:
             js.orbit(scene, state=at.start, q=at.q, most_periods=64, method=how.replace(steps=steps), tolerance=1e-11)
         )
 
-    def differences(given: Given) -> Values:
+    def slopes_nearby(given: Given) -> Values:
         at = found(given.moved, "gamma 2.5", PLAIN)
         slopes = differences(at, WRT[:3], 1e-4, "P_d")
         return {"value": np.array([[slopes[key]] for key in slopes])}
 
     yield Run("orbit", "followed", "derivative", next_one)
-    yield Run("gradient", "differences", "derivative", differences)
+    yield Run("gradient", "differences", "derivative", slopes_nearby)
 
 
 def smoothed() -> Iterator[Run]:

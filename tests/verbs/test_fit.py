@@ -124,6 +124,19 @@ def test_numbers_are_found_again_in_a_response():
 
 
 @pytest.mark.full
+def test_numbers_of_faces_with_points_are_found_again_in_a_history():
+    scene = js.load("table1_points").scene
+    run = js.simulate(scene, n_periods=1, every=20, method=js.RungeKutta("rk4", steps=7 * STEPS))
+    data = {"t [s]": run.t, "x_left [m]": run.motion.x[:, 0], "theta_left [rad]": run.motion.theta[:, 0]}
+    over = {"contact.gamma": (1.5, 4.0), "friction.mu": (0.2, 0.9)}
+    found = js.fit(scene, data, over, method=HOW, starts=4, seed=1)
+    for key, true in (("contact.gamma", js.value_of(scene, "contact.gamma")), ("friction.mu", 0.5)):
+        assert found.value[key] == pytest.approx(true, rel=1e-3)
+    other = js.fit(js.load("table1_points", ["contact.points=3"]).scene, data, over, method=HOW, starts=4, seed=1)
+    assert other.chi2 > 10 * found.chi2  # a control: faces of another number of points
+
+
+@pytest.mark.full
 def test_numbers_that_cannot_be_told_apart_are_named():
     # Of a force in the direction beta, motion in x alone feels F_0 cos(beta).
     over = {"drive.F_0": (30.0, 90.0), "drive.beta": (0.1, 1.2)}
