@@ -55,7 +55,7 @@ class SceneFile:
     @cached_property
     def scene(self) -> "jaxshroud.scene.scene.Scene":
         """The scene, built at the first access, in the precision that JAX has then."""
-        from jaxshroud.scene.scene import scene_of
+        from jaxshroud.scene.tables import scene_of
 
         return scene_of(self.tables, self.given)
 

@@ -11,7 +11,7 @@ from jaxshroud.cache.programs import is_traced
 from jaxshroud.scene.blades import BladeMatrices, Blades
 from jaxshroud.scene.checks import InputError, type_argument, word_argument
 from jaxshroud.scene.coupling import Aero, Coupling
-from jaxshroud.scene.drive import ComplexHarmonic, Drive, Harmonic
+from jaxshroud.scene.drive import Drive
 from jaxshroud.scene.fields import PerBlade, per_blade, scalar
 from jaxshroud.scene.keys import (
     ALL_KEYS,
@@ -19,10 +19,8 @@ from jaxshroud.scene.keys import (
     MAX_BLADES,
     MIN_BLADES,
     ROW_KEYS,
-    SINGLE_LOADS,
     Motion,
     key_in,
-    number_shape,
 )
 from jaxshroud.scene.laws import Number, SceneLaw
 from jaxshroud.scene.layout import (
@@ -41,8 +39,6 @@ from jaxshroud.scene.layout import (
     require_parts,
     row_layout,
 )
-from jaxshroud.scene.optional import split_harmonics
-from jaxshroud.scene.point_entries import with_listed_places
 from jaxshroud.scene.points import ContactPoints
 from jaxshroud.scene.speed import ORDER, check_speed, untwisted_gap
 from jaxshroud.scene.typed import short_repr
@@ -154,7 +150,6 @@ class Row(eqx.Module):
         return self.layout.interfaces
 
 
-START_ENTRIES = ("start", "friction")  # of the table `initial`, beside its numbers
 TABLE_CLASSES = {"blades": Blades, "shroud": Shroud, "contact": Contact, "friction": Friction, "drive": Drive}
 
 
@@ -335,65 +330,6 @@ class Scene(eqx.Module):
     def state_size(self) -> int:
         """How many numbers a state has: six of each blade, and the sliders."""
         return 6 * self.layout.blades + self.sliders
-
-
-def scene_of(tables: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]) -> Scene:
-    """The scene from tables of plain SI numbers, as in a file, and the inputs from which some were worked out."""
-    row = Row(**tables["row"]) if "row" in tables else None
-    layout, parts = layout_with(row), tables["parts"]
-    given = {key: _for_layout(key, value, layout) for key, value in given.items()}
-    tables = {
-        table: {name: _for_layout(f"{table}.{name}", value, layout) for name, value in entries.items()}
-        for table, entries in tables.items()
-    }
-    return Scene(
-        Blades(**tables["blades"]),
-        Shroud(**tables["shroud"]),
-        _contact_of(tables),
-        Friction(**tables["friction"]),
-        _drive_of(tables["drive"]),
-        Motion(**{name: value for name, value in tables["initial"].items() if name not in START_ENTRIES}),
-        Parts(**{**parts, "motion": tuple(parts["motion"])}),
-        given=given,  # pyright: ignore[reportArgumentType]
-        row=row,
-        coupling=Coupling(**tables.get("coupling", {})),
-        aero=Aero(**tables.get("aero", {})),
-        start=_start_of(tables["initial"]),
-    )
-
-
-def _start_of(entries: Mapping[str, Any]) -> Start:
-    """Where a march begins, from the entries of the table `initial`."""
-    if entries.get("friction") is not None:
-        return "from rest"
-    return "motion" if entries.get("start") is None else "static"
-
-
-def start_entries(start: Start) -> dict[str, str]:
-    """The entries of the table `initial` that say where a march begins."""
-    friction = {"friction": "from rest"} if start == "from rest" else {}
-    return {} if start == "motion" else {"start": "static", **friction}
-
-
-def _drive_of(entries: Mapping[str, Any]) -> Drive:
-    """The drive from the entries of its table, those of its harmonics among them."""
-    plain, of = split_harmonics(entries)
-    harmonics = tuple((Harmonic if "F" in one else ComplexHarmonic)(**one) for one in of)
-    return Drive(**{**dict.fromkeys(SINGLE_LOADS), **plain}, harmonic=harmonics or None)
-
-
-def _contact_of(tables: Mapping[str, Mapping[str, Any]]) -> Contact:
-    entries = {"k": None, "gamma": None, **tables["contact"]}
-    entries = with_listed_places(entries)
-    points, shares = entries.pop("points", None), entries.pop("shares", None)
-    return Contact(**entries, points=None if points is None else ContactPoints(points, shares))
-
-
-def _for_layout(key: str, value: Any, layout: Layout) -> Any:
-    """A value of a file, a number with one entry for each blade or interface."""
-    if key not in ALL_KEYS or value is None:
-        return value
-    return np.full(number_shape(ALL_KEYS[key], layout), value, float)
 
 
 def without_given(scene: Scene) -> Scene:

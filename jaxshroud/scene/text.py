@@ -15,7 +15,8 @@ from jaxshroud.scene.keys import Key
 from jaxshroud.scene.layout import reading_text
 from jaxshroud.scene.overrides import literal
 from jaxshroud.scene.replacing import plain_numbers
-from jaxshroud.scene.scene import Scene, start_entries
+from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.tables import start_entries
 from jaxshroud.scene.typed import are_numbers
 from jaxshroud.scene.units import factor_of, to_si
 from jaxshroud.scene.vary import given_of, numbers_of

@@ -17,6 +17,7 @@ import numpy as np
 import jaxshroud as js
 from jaxshroud.march.method import Method
 from jaxshroud.model.linear import free_power
+from jaxshroud.verbs.gradient import differences
 
 Values = dict[str, np.ndarray]
 COUNTERS = (
