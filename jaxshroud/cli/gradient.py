@@ -97,8 +97,10 @@ def _slope_text(gradient: Gradient, effect: Effect) -> str:
     if unit_of(gradient.of) == "%":
         change = with_interval(effect.change, effect.ci, "percentage points")
         return f"{with_interval(*slope, f'% per {unit}')}; {change} per {effect.per}"
-    share, ci = (100 * size / gradient.level for size in (effect.change, effect.ci))
     in_units = with_interval(*slope, f"{unit_of(gradient.of)} per {unit}")
+    if gradient.level == 0:  # of a blade that does not move
+        return in_units
+    share, ci = (100 * size / gradient.level for size in (effect.change, effect.ci))
     return f"{in_units}; {with_interval(share, ci, f'% of {gradient.of}')} per {effect.per}"
 
 

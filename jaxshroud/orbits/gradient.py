@@ -4,7 +4,7 @@ On a periodic orbit P_d has an exact derivative. In chaos it has windows and jum
 derivative at a point; what exists is the derivative of an average over a stated width.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Literal, NamedTuple, cast
 
@@ -153,19 +153,24 @@ def _vibration_slope(orbit: PeriodicOrbit, problem: TangentProblem) -> Algorithm
     return AmplitudeSlope(level, np.asarray(slope)), _Reductions(orbit.P_d, level)
 
 
-def differences_on(orbit: PeriodicOrbit, wrt: Sequence[str], step: float, of: Quantity = "P_d") -> dict[str, float]:
+LevelsNearby = Callable[[PeriodicOrbit, Scene, Quantity], np.ndarray]  # a quantity of scenes near that of an orbit
+
+
+def differences_on(
+    orbit: PeriodicOrbit, wrt: Sequence[str], step: float, of: Quantity, levels_nearby: LevelsNearby
+) -> dict[str, float]:
     """Fourth-order central differences of `of` on the orbits of nearby scenes; see `differences`."""
     scene, offsets = with_numbers(orbit.scene, wrt), np.array([[-2], [-1], [1], [2]])
     values = [level_of(scene, key) for key in wrt]
     steps = [step * (abs(value) or 1) for value in values]
     parts = [scenes_around(scene, [key], v + h * offsets) for key, v, h in zip(wrt, values, steps, strict=True)]
     scenes = jax.tree.map(lambda *a: np.concatenate(a), *parts)
-    level = _levels_nearby(orbit, scenes, of).astype(float).reshape(len(wrt), 4)
+    level = levels_nearby(orbit, scenes, of).astype(float).reshape(len(wrt), 4)
     slope = level @ np.array([1, -8, 8, -1]) / (12 * np.array(steps))
     return dict(zip(wrt, slope.tolist(), strict=True))
 
 
-def _levels_nearby(orbit: PeriodicOrbit, scenes: Scene, of: Quantity) -> np.ndarray:
+def marched_levels(orbit: PeriodicOrbit, scenes: Scene, of: Quantity) -> np.ndarray:
     """The quantity `of` on the orbits of scenes (leading axis) near that of `orbit`; NaN where one does not close."""
     starts, power, means = nearby_orbits(orbit, scenes, vibration=of == "P_d_vibration")
     if amplitude_of(of) is None:

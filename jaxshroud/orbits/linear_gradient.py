@@ -1,15 +1,15 @@
 """The exact derivatives of what a linear motion amounts to, by the closed form of the motion."""
 
 from collections.abc import Sequence
-from typing import cast
+from typing import Any, cast
 
 import jax
 import numpy as np
 
 from jaxshroud.batch.held_contact import LinearState, held_contact
 from jaxshroud.batch.linear_motion import linear_flow
-from jaxshroud.batch.linear_runs import linear_status
-from jaxshroud.batch.linear_sector import settled_linear_tangents
+from jaxshroud.batch.linear_runs import linear_amplitude_values, linear_status
+from jaxshroud.batch.linear_sector import settled_linear_motions, settled_linear_tangents
 from jaxshroud.batch.linear_transient import linear_multipliers
 from jaxshroud.batch.tangents import direction
 from jaxshroud.batch.xla import one_lane, repeat_lane
@@ -22,9 +22,10 @@ from jaxshroud.orbits.gradient import PowerGradient, directional_derivatives, qu
 from jaxshroud.orbits.orbit import PeriodicOrbit, area_and_free_power
 from jaxshroud.scene.checks import NumericalError
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.quantities import Power, Quantity, amplitude_of, is_reduction
+from jaxshroud.scene.quantities import Power, Quantity, amplitude_of, counted_amplitude, is_reduction
 from jaxshroud.scene.scene import Scene, without_given
 
+STILL = 1e-13  # of the mean square, below which the variance of a blade that stands still is rounding
 LINEAR_FLAG = "linear"  # the motion is in closed form
 
 
@@ -76,6 +77,21 @@ def _linear_power_slopes(of: Power, scenes: Scene, directions: Scene, flow, flow
     return AmplitudeSlope(float(level), slope)
 
 
+def linear_levels(orbit: PeriodicOrbit, scenes: Scene, of: Quantity) -> np.ndarray:
+    """The quantity `of` of scenes (leading axis) near that of `orbit`; NaN where contact leaves its state."""
+    del orbit  # a linear motion has no start
+    if amplitude_of(of) is not None:
+        return counted_amplitude(linear_amplitude_values(scenes, of), scenes.layout)
+    motion = settled_linear_motions(scenes)
+    flow = linear_flow(motion, scenes)
+    squares: Any = flow.power
+    if of == "P_d_vibration":
+        squares = flow.power, np.stack(flow.means, axis=1)
+    levels = np.asarray(quantity_level(cast(Power, of), without_given(scenes), squares), float)
+    levels = levels.min(axis=-1) if of == "P_d_worst" else levels
+    return np.where(linear_status(motion) == Status.OK, levels, np.nan)
+
+
 def _linear_levels(measure: str, value, by, row: int) -> tuple[np.ndarray, np.ndarray]:
     """The amplitudes of the blades (blades,), and their derivatives (blades, directions)."""
 
@@ -86,9 +102,11 @@ def _linear_levels(measure: str, value, by, row: int) -> tuple[np.ndarray, np.nd
     if measure == "mean":
         return mean, mean_by
     if measure == "rms":
-        rms = np.sqrt(np.maximum(square - mean**2, 0.0))
-        with np.errstate(invalid="ignore", divide="ignore"):  # a blade that stands still
-            return rms, (square_by - 2 * mean[:, None] * mean_by) / (2 * rms[:, None])
+        variance = square - mean**2
+        rms = np.sqrt(np.where(variance > STILL * square, variance, 0.0))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            slope = (square_by - 2 * mean[:, None] * mean_by) / (2 * rms[:, None])
+        return rms, np.where(rms[:, None] > 0, slope, np.nan)  # that of a blade that stands still has a kink
     (high, high_by), (low, low_by) = number("highest"), number("lowest")
     upper = high - mean >= mean - low
     return np.where(upper, high - mean, mean - low), np.where(upper[:, None], high_by - mean_by, mean_by - low_by)

@@ -17,9 +17,10 @@ from jaxshroud.orbits.gradient import (
     Smoothing,
     differences_on,
     gradient_of,
+    marched_levels,
     orbit_gradient,
 )
-from jaxshroud.orbits.linear_gradient import linear_gradient
+from jaxshroud.orbits.linear_gradient import linear_gradient, linear_levels
 from jaxshroud.orbits.orbit import PeriodicOrbit
 from jaxshroud.orbits.shooting import CLOSING_TOLERANCE, ShootingOptions
 from jaxshroud.results.gradient import Gradient
@@ -246,4 +247,4 @@ def differences(found: Orbit, wrt: Sequence[str], step: float, of: Quantity = "P
     cycle = found.cycle()
     _check_names(wrt, cycle.scene)
     check_quantity(of, cycle.scene.parts, cycle.scene.layout)
-    return differences_on(cycle, wrt, step, of)
+    return differences_on(cycle, wrt, step, of, linear_levels if is_linear(cycle.scene) else marched_levels)

@@ -9,6 +9,7 @@ from jaxshroud.batch.held_contact import held_contact
 from jaxshroud.batch.linear_motion import linear_motions
 from jaxshroud.batch.linear_transient import outlasts_transient
 from jaxshroud.scene.scene import without_given
+from jaxshroud.verbs.gradient import differences
 from jaxshroud.verbs.linear import default_state
 from jaxshroud.verbs.settled import settling_periods
 
@@ -136,3 +137,11 @@ def test_how_long_free_vibration_takes_to_die_out():
     creep = jax.tree.map(lambda a: np.asarray(a)[None], without_given(js.vary(scene, "blades.c_x", 1000.0)))
     slow = np.min(np.abs(np.roots([0.08, 1000.0, 1e5])))  # the slower of two decays
     assert settling_periods(creep) == pytest.approx(np.log(1e3) / slow * 1000 / (2 * np.pi))
+
+
+@pytest.mark.full
+def test_differences_of_a_closed_form():
+    found = js.gradient(stuck(), ["contact.gamma", "friction.k_d"], of="x_peak")
+    nearby = differences(found.orbit, list(found.value), 1e-3, "x_peak")
+    for key, slope in found.value.items():
+        assert nearby[key] == pytest.approx(slope, rel=1e-6)
