@@ -42,6 +42,7 @@ from jaxshroud.plotting.style import (
     legend_below,
 )
 from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.quantities import quantity_symbol
 
 FREE_STYLE: Properties = {"color": GREY, "lw": 0.8, "ls": (0, (1.2, 1.2))}
 MEMBER_COLOURS = (BLUE, ORANGE, GREEN, PINK, RED, SKY)
@@ -252,10 +253,11 @@ def _draw_member(
 
 
 def _draw_response_power(panel: Axes, shown: ResponseContent) -> None:
+    name = str(shown.ds.attrs["reduction"])
     for i, points in enumerate(shown.points):
-        P_d = shown.ds["P_d"].isel(member=i)
-        _draw_member(panel, shown, i, P_d, points, None if points is None else points["P_d"].to_numpy())
-    panel.set(xlabel=shown.axis.label, ylabel="$P_d$ [%]")
+        reduction = shown.ds[name].isel(member=i)
+        _draw_member(panel, shown, i, reduction, points, None if points is None else points[name].to_numpy())
+    panel.set(xlabel=shown.axis.label, ylabel=f"{quantity_symbol(name)} [%]")
 
 
 RESPONSE_PANELS = (Panel("amplitude", _draw_response, 2.2), Panel("P_d", _draw_response_power, 1.2))

@@ -67,10 +67,17 @@ class Response(Result):
     along = Attribute(str)
     over = Attribute(str)
     of = Attribute(str)
+    reduction = Attribute(str)  # that the picture shows: P_d, or P_d_vibration where loads are held at rest
 
     @classmethod
     def of_members(
-        cls, members: Sequence[Member], along: str, of: str, over: Mapping[str, np.ndarray], attrs: Mapping[str, object]
+        cls,
+        members: Sequence[Member],
+        along: str,
+        of: str,
+        over: Mapping[str, np.ndarray],
+        reduction: str,
+        attrs: Mapping[str, object],
     ) -> "Response":
         """The result from its members.
 
@@ -79,6 +86,7 @@ class Response(Result):
             along: The first number.
             of: The amplitude whose peaks were found.
             over: The second number with its values; empty if there is none.
+            reduction: The reduction of power that counts.
             attrs: The attributes of the dataset.
         """
         import xarray as xr
@@ -99,6 +107,7 @@ class Response(Result):
             "along": along,
             "over": next(iter(over), ""),
             "of": of,
+            "reduction": reduction,
             "peak_reasons": "; ".join(peak.reason for _, peak in rows),
             "branch_reasons": "; ".join(m.reason for m in members),
             BRANCH_ENDS: BETWEEN_MEMBERS.join(m.branch.ends_of_branches if m.branch else "" for m in members),
@@ -181,6 +190,8 @@ class Response(Result):
         self, ax: "Axes | None" = None, *, panel: str | None = None, **options: "Unpack[AppearanceOptions]"
     ) -> "Figure":
         """The amplitude over the number: sweeps as points, branches as lines, the free response dotted, and P_d.
+
+        P_d is that of the vibration alone where the blades are preloaded.
 
         Broken waves of rings are in another colour, with a mark where they begin.
 

@@ -24,6 +24,7 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.keys import find_key
 from jaxshroud.scene.layout import Layout
+from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.quantities import DISPLACEMENTS, counted_amplitude
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
@@ -229,7 +230,7 @@ def response(
     sizes = (most_points or MOST_POINTS, in_succession)
     members = [_member(one, along, values, of, at, sizes, run, progress) for one in scenes]
     attributes, _ = resolved.provenance(resolved.transient, int(members[0].sweep.steps_per_period))
-    return Response.of_members(members, along, of, family, attributes)
+    return Response.of_members(members, along, of, family, counted_reduction(plain), attributes)
 
 
 def _member(
