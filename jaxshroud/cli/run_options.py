@@ -27,6 +27,7 @@ from jaxshroud.verbs.plan import Trials, choose_method, plan_march
 from jaxshroud.verbs.settled import settling_periods
 
 METHOD_OPTIONS = ("tableau", "order", "step_tolerance", "locate", "precision")
+MANY_PERIODS = 100  # in which free vibration dies out
 CHOSEN_BY_ACCURACY = ("steps_per_period", *METHOD_OPTIONS)
 
 
@@ -71,9 +72,9 @@ def resolve_march(
 
 
 def _print_settling(file: SceneFile, scenes: Scene) -> None:
-    """Say how long free vibration takes to die out, where the transient is shorter."""
+    """Say how long light damping takes, where the transient is shorter."""
     needed = settling_periods(without_given(scenes))
-    if not needed > file.run.transient:  # nor NaN
+    if not needed > max(file.run.transient, MANY_PERIODS):  # nor NaN
         return
     dies = f"dies out to a thousandth in {needed:.0f} periods" if np.isfinite(needed) else "never dies out"
     print(
