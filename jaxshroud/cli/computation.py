@@ -184,10 +184,10 @@ class Computation:
         formats = {path.suffix for path in output_paths(call.options)}
         pictures = (*(PICTURES if ".png" in formats else ()), *(PDF_PICTURES if ".pdf" in formats else ()))
         import_in_background((*self.imports, *pictures))
-        asked = resolved_options(call.file, call.options, self.usual).asked
-        if may_be_in_closed_form(scenes, asked, call.options):
-            return call._replace(arguments={**call.arguments, "method": asked})
-        march = resolve_march(call.file, scenes, call.options, self.usual, **self.trials(call))
+        resolved = resolved_options(call.file, call.options, self.usual)
+        if may_be_in_closed_form(scenes, resolved.asked, call.options):
+            return call._replace(arguments={**call.arguments, "method": resolved.asked})
+        march = resolve_march(resolved, call.file, scenes, call.options, self.usual, **self.trials(call))
         return call._replace(arguments={**call.arguments, "method": march.again})
 
 

@@ -48,19 +48,25 @@ def load_scene(options: argparse.Namespace, overrides: Sequence[str] = ()) -> Sc
 
 
 def resolve_march(
-    file: SceneFile, scenes: Scene, options: argparse.Namespace, usual: Choices, **trials: Unpack[Trials]
+    resolved: ResolvedOptions,
+    file: SceneFile,
+    scenes: Scene,
+    options: argparse.Namespace,
+    usual: Choices,
+    **trials: Unpack[Trials],
 ) -> MarchPlan:
     """How scenes (leading axis) are marched: refused where it is unstable, with a warning where it is inaccurate.
 
     Args:
-        file: Where the scenes come from; its [run] counts where the options do not say.
+        resolved: The options, see `resolved_options`.
+        file: Where the scenes come from.
         scenes: The scenes.
         options: Of the command line.
         usual: The method where steps alone are given, with a ledger or without.
         trials: How methods are tried.
     """
     with input_errors_at(f"{file.name}: [run]"):
-        march = plan_march(resolved_options(file, options, usual), scenes, usual, **trials)
+        march = plan_march(resolved, scenes, usual, **trials)
     _print_choice(file, scenes, march.tried, options)
     if is_linear(scenes):
         print(f"{file.name}: contact that stays {scenes.parts.contact}, in closed form", file=sys.stderr)
@@ -84,16 +90,20 @@ def _print_settling(file: SceneFile, scenes: Scene) -> None:
 
 
 def may_be_in_closed_form(scenes: Scene, asked: Asked, options: argparse.Namespace) -> bool:
-    """Whether the verb may take the closed form of scenes (leading axis) by default, and so chooses how to march."""
-    return options.verb in KNOW_LINEAR and options.linear is None and default_state(scenes, asked) is not None
+    """Whether the verb takes the closed form of scenes (leading axis), unless the options say how to march."""
+    if options.verb not in KNOW_LINEAR or options.linear is not None:
+        return False
+    says_how = any(getattr(options, name) is not None for name in ("accuracy", *CHOSEN_BY_ACCURACY))
+    return not says_how and default_state(scenes, asked) is not None
 
 
 def resolve_method(
     file: SceneFile, scenes: Scene, options: argparse.Namespace, usual: Choices
 ) -> tuple[Choices, Choice | None]:
     """The same without steps, which may be too long, and by the word of the table where it has one."""
+    resolved = resolved_options(file, options, usual)
     with input_errors_at(f"{file.name}: [run]"):
-        method, choice = choose_method(resolved_options(file, options, usual), scenes, usual, periods=0)
+        method, choice = choose_method(resolved, scenes, usual, periods=0)
     _print_choice(file, scenes, MarchPlan(0, method, choice).tried, options)
     return method, choice
 
@@ -105,7 +115,7 @@ def resolved_options(file: SceneFile, options: argparse.Namespace, usual: Choice
             raise CommandError(f"--accuracy chooses --{name.replace('_', '-')} itself; give one of them")
     named = any(getattr(options, name) is not None for name in METHOD_OPTIONS)
     method = _method_of_options(options, usual) if named else options.accuracy
-    with accuracy_warnings_printed():
+    with input_errors_at(f"{file.name}: [run]"), accuracy_warnings_printed():
         return resolve_options(file, method=method)
 
 

@@ -18,7 +18,7 @@ from jaxshroud.cli.computation import DATASETS, PICTURES, STATISTICS, import_in_
 from jaxshroud.cli.drawing import draw
 from jaxshroud.cli.option_table import Along, count
 from jaxshroud.cli.projection import print_projection_of_long_run
-from jaxshroud.cli.run_options import accuracy_warnings_printed, load_scene, resolve_march
+from jaxshroud.cli.run_options import accuracy_warnings_printed, load_scene, resolve_march, resolved_options
 from jaxshroud.cli.terminal import (
     CommandError,
     files_written,
@@ -89,7 +89,8 @@ def sweep_command(options: argparse.Namespace) -> None:
     scenes = _scenes_of_lanes(file)
     periods = file.sweep_run.transient + file.sweep_run.periods
     import_in_background((*DATASETS, *STATISTICS, *PICTURES))
-    march = resolve_march(file, scenes, options, FOR_P_D_WITH_LEDGER if options.ledger else FOR_P_D, periods=periods)
+    usual = FOR_P_D_WITH_LEDGER if options.ledger else FOR_P_D
+    march = resolve_march(resolved_options(file, options, usual), file, scenes, options, usual, periods=periods)
     _print_projection_of_long_run(request, scenes, march)
     result = _sweep(request, march)
     _write(request, result)

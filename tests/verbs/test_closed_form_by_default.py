@@ -8,6 +8,7 @@ import jaxshroud as js
 from jaxshroud.batch.held_contact import held_contact
 from jaxshroud.batch.linear_motion import linear_motions
 from jaxshroud.batch.linear_transient import outlasts_transient
+from jaxshroud.cli.commands import main
 from jaxshroud.scene.scene import without_given
 from jaxshroud.verbs.gradient import differences
 from jaxshroud.verbs.linear import default_state
@@ -119,6 +120,31 @@ def test_a_response_is_marched_where_its_peak_slips():
     assert "stuck" in form_of(js.response(stuck("drive.F_0=0.01"), **swept, **short))
     assert default_state(js.scenes_from({"drive.omega": [1800.0, 2800.0, 3800.0]}, stuck()), None) == "stuck"
     assert "stuck" not in form_of(js.response(stuck(), **swept, **short))  # it slips at 3,300 rad/s
+
+
+@pytest.mark.parametrize(
+    ("options", "form"),
+    [
+        ([], "stuck"),
+        (["--steps-per-period", "200"], "rk4"),
+        (["--accuracy", "fast"], ""),
+        (["--precision", "float64"], "rk4"),
+    ],
+    ids=["nothing", "steps", "accuracy", "precision"],
+)
+def test_a_command_that_says_how_to_march_marches(options, form, tmp_path):
+    settings = [word for setting in STUCK for word in ("--set", setting)]
+    short = ["--periods", "2", "--transient", "2", "--out", str(tmp_path / "power")]
+    main(["power", "table1", *settings, *short, *options])
+    method = js.open(tmp_path / "power" / "power.nc").data.attrs["method"]
+    assert form in method
+    assert ("closed form" in method) == (not options)
+
+
+def test_a_warning_of_an_accuracy_is_printed_once(tmp_path, capsys):
+    short = ["--periods", "2", "--transient", "2", "--out", str(tmp_path / "power")]
+    main(["power", "row_chain5", "--set", 'parts.motion=["x"]', "--accuracy", "fast", *short])
+    assert capsys.readouterr().err.count("not examined") == 1
 
 
 def test_nothing_that_moves_has_no_peak():
