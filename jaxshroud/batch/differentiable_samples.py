@@ -94,7 +94,7 @@ def sampled_flow(
     first = mapping.over(vmapped)(partial(begin_flow, method=schedule.method), scenes, states)
     lanes, models, periods = mapping.unzip(first)
     steps = jnp.full(mapping.values(periods).shape, schedule.steps, jnp.int32)
-    fixed = mapping.constants(models, periods, steps)
+    fixed = mapping.constants(models, periods, steps, schedule.method.flat_return)
 
     def one(carry, i):
         every = schedule.every if wanted is None else jnp.where(i < wanted, jnp.int32(schedule.every), 0)

@@ -115,10 +115,16 @@ def mean_over(time: Scalar, integrals: Tree) -> Tree:
     return jax.tree.map(lambda a: a / time, filled(integrals, time))
 
 
-def flow_constants(models: Model, periods: PerLane, steps: Int[Array, " lanes"], turns: PerLane | None = None) -> Fixed:
+def flow_constants(
+    models: Model,
+    periods: PerLane,
+    steps: Int[Array, " lanes"],
+    flat_return: PerLane | float,
+    turns: PerLane | None = None,
+) -> Fixed:
     """The constants of lanes that run `turns` drive periods, by default one, in `steps` steps from phase 0."""
     count = _steps_per_period(steps, periods, turns)
-    return Fixed(models, time_grid(jnp.zeros_like(count), count, periods), steps)
+    return Fixed(models, time_grid(jnp.zeros_like(count), count, periods, flat_return), steps)
 
 
 def _steps_per_period(steps: Int[Array, " lanes"], periods: PerLane, turns: PerLane | None) -> PerLane:
@@ -126,9 +132,15 @@ def _steps_per_period(steps: Int[Array, " lanes"], periods: PerLane, turns: PerL
     return count if turns is None else count / turns
 
 
-def dual_flow_constants(models: Dual, periods: Dual, steps: Int[Array, " lanes"], turns: PerLane | None = None) -> Dual:
+def dual_flow_constants(
+    models: Dual,
+    periods: Dual,
+    steps: Int[Array, " lanes"],
+    flat_return: PerLane | float,
+    turns: PerLane | None = None,
+) -> Dual:
     """The constants of the flow with tangents."""
-    fixed = flow_constants(models.value, periods.value, steps, turns)
+    fixed = flow_constants(models.value, periods.value, steps, flat_return, turns)
     count = _steps_per_period(steps, periods.value, turns)
     still = jax.tree.map(lambda _: None, fixed)
 
@@ -151,6 +163,7 @@ def flow_with_tangents(
     lanes: Dual,
     limits: CallLimits,
     steps: Int[Array, "..."],
+    flat_return: PerLane,
     turns: PerLane | None,
     method: Choices,
     each: EachLane,
@@ -162,6 +175,7 @@ def flow_with_tangents(
         lanes: The lanes to continue, with the same axis, see `begin_flows`.
         limits: What is done at most.
         steps: Runge-Kutta steps in one period, or in `turns`.
+        flat_return: Of the method, see `time_grid`.
         turns: The drive periods of each lane, of any length, in the place of a period; its tangent is at that phase.
         method: The options of the march, `as_differentiable`: else the derivatives lack the contributions of events.
         each: How a function of one lane is applied to all.
@@ -170,7 +184,7 @@ def flow_with_tangents(
         The lanes at the end, with tangents, and how many periods have ended.
     """
     models, periods = _dual_constants(scenes)
-    fixed = dual_flow_constants(models, periods, jnp.full_like(lanes.value.step, 1) * steps, turns)
+    fixed = dual_flow_constants(models, periods, jnp.full_like(lanes.value.step, 1) * steps, flat_return, turns)
 
     def run(lanes, passes):
         return march(lanes, fixed, method, dual_lanes(each), attrgetter("value"), passes=passes)

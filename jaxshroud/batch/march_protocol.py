@@ -68,7 +68,7 @@ class SweepPlan(NamedTuple):
     @property
     def clock(self) -> Clock:
         """The grid of whole periods from drive phase 0."""
-        return Clock.from_phase_0(self.steps)
+        return Clock.from_phase_0(self.steps, self.method.flat_return)
 
     @property
     def schedule(self) -> Schedule:

@@ -77,7 +77,7 @@ def march_with_dense_output(
     """March lanes (leading axis), with samples inside their trials; `tick` gets the number of further steps."""
     dense = stepper_for(method).dense_output
     assert dense is not None
-    clock, apart, count = grid.clock(scenes), stretch.apart, stretch.samples
+    clock, apart, count = grid.clock(scenes, method), stretch.apart, stretch.samples
     width = len(lanes.status)
     left, done, written = np.full(width, stretch.length, np.int32), np.zeros((width, 1), int), np.zeros(width, int)
 

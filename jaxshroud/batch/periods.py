@@ -15,7 +15,7 @@ from jaxshroud.batch.xla import compiled, repeated_while, stage_groups
 from jaxshroud.march.accumulator import Accumulator, Log, left_position_at, mean_position
 from jaxshroud.march.carry import EachLane, Lane, LaneTree, TimeGrid, running, time_grid
 from jaxshroud.march.log import log_of_new_period
-from jaxshroud.march.method import Choices
+from jaxshroud.march.method import FLAT_RETURN, Choices
 from jaxshroud.march.observables import energy_residual, is_unbalanced, total_energy
 from jaxshroud.march.stepper import StageGroups, alone, begin_lane, stepper_for
 from jaxshroud.model.arithmetic import filled, traced_once
@@ -156,11 +156,12 @@ class Clock(NamedTuple):
     start: Float[Array, ""]  # [turns]
     steps: Int[Array, ""]
     per_period: Float[Array, ""]
+    flat_return: Float[Array, ""]  # of a period, see `time_grid`
 
     @classmethod
-    def from_phase_0(cls, steps: int) -> "Clock":
+    def from_phase_0(cls, steps: int, flat_return: float = FLAT_RETURN) -> "Clock":
         """The grid of whole periods of so many steps from drive phase 0."""
-        return cls(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(float(steps)))
+        return cls(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(float(steps)), jnp.asarray(flat_return))
 
     def grids(self, periods: Float[Array, " lanes"]) -> TimeGrid:
         """The time grid of each lane from its drive period."""
@@ -168,7 +169,7 @@ class Clock(NamedTuple):
         def like(a):
             return jnp.broadcast_to(a.astype(periods.dtype), periods.shape)
 
-        return time_grid(like(self.start), like(self.per_period), periods)
+        return time_grid(like(self.start), like(self.per_period), periods, like(self.flat_return))
 
 
 class Interim(NamedTuple):

@@ -32,15 +32,18 @@ class Plan:
     @property
     def clock(self) -> Clock:
         """The grid of whole periods from the sampling phase."""
-        n = self.steps_per_period
-        return Clock(jnp.asarray(self.phase / (2 * np.pi)), jnp.int32(n), jnp.asarray(float(n)))
+        clock = Clock.from_phase_0(self.steps_per_period, self.method.flat_return)
+        return clock._replace(start=jnp.asarray(self.phase / (2 * np.pi)))
 
     @property
     def lead_in(self) -> Clock | None:
         """The grid from phase 0 to the sampling phase, with steps no longer than the others; None at phase 0."""
         turns = self.phase / (2 * np.pi)
         steps = int(np.ceil(turns * self.steps_per_period))
-        return Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(steps / turns)) if steps else None
+        if not steps:
+            return None
+        clock = Clock.from_phase_0(steps, self.method.flat_return)
+        return clock._replace(per_period=jnp.asarray(steps / turns))
 
 
 class Ticker:

@@ -130,7 +130,7 @@ def _sampled_rows(scenes: Scene, states: State, schedule: Schedule) -> RowFlow:
 def _row_samples_in_lanes(scenes: Scene, states: State, schedule: Schedule) -> RowFlow:
     """The samples of rows (leading axis): a `RowFlow` with axes (lane, sample)."""
     (model, period), each, steps = row_models(scenes), best_mapping(), schedule.steps
-    clock = Clock.from_phase_0(steps)
+    clock = Clock.from_phase_0(steps, schedule.method.flat_return)
     begin = rows_at_start(states, model, schedule.method, each)
     time = period * (schedule.every / steps)
 
@@ -175,7 +175,7 @@ def row_strobe(scenes: Scene, states: State, transient: int, kept: int, steps: i
 
     def run(scenes: Scene, states: State) -> RowStrobe:
         each = best_mapping()
-        period = period_function(scenes, Clock.from_phase_0(steps), method, each, ROW_KERNELS)
+        period = period_function(scenes, Clock.from_phase_0(steps, method.flat_return), method, each, ROW_KERNELS)
 
         def one(lanes: Any, _: Any) -> Any:
             lanes, sample = period(lanes, True)

@@ -261,7 +261,7 @@ def _plain_period_map(
     """The map as a plain program, which JAX differentiates itself."""
     lane, model, period = begin_flow(begin.scene, begin.state, method)
     steps = jnp.full((1,), steps_per_period, jnp.int32)
-    fixed = flow_constants(*one_lane((model, period)), steps)
+    fixed = flow_constants(*one_lane((model, period)), steps, method.flat_return)
 
     def one_period(lanes, _):
         return march_steps(lanes, fixed, steps, method, vmapped, most_trials=most)

@@ -169,7 +169,7 @@ def march_row_samples(scenes: Scene, states: State, grid: SampleGrid, method: Ch
         method: The options of the march.
         tick: Called with the number of further steps.
     """
-    each, host, clock = best_mapping(), lambda tree: jax.tree.map(np.asarray, tree), grid.clock(scenes)
+    each, host, clock = best_mapping(), lambda tree: jax.tree.map(np.asarray, tree), grid.clock(scenes, method)
     lanes = begin_rows(scenes, states, method)
     before = np.asarray(stored_energies_of_rows(scenes, lanes, each))
     first = host(_first_sample(scenes, lanes, clock.start, each))

@@ -242,6 +242,7 @@ def row_flow_with_tangents(
     lanes: Dual,
     limits: CallLimits,
     steps: Int[Array, "..."],
+    flat_return: PerLane,
     turns: PerLane | None,
     method: Choices,
     each: EachLane,
@@ -252,7 +253,8 @@ def row_flow_with_tangents(
         model, period = row_models(scenes)
         stop = jnp.ones_like(lanes.step) * steps
         count = stop.astype(period.dtype)
-        grid = time_grid(jnp.zeros_like(period), count if turns is None else count / turns, period)
+        per_period = count if turns is None else count / turns
+        grid = time_grid(jnp.zeros_like(period), per_period, period, flat_return)
         fixed = Fixed(model, grid, stop)
 
         def run(lanes, passes):

@@ -65,10 +65,11 @@ class SampleGrid(NamedTuple):
         """The length of a step of each scene [s], (lanes,)."""
         return math.tau / np.asarray(scenes.drive.omega, float) / self.steps
 
-    def clock(self, scenes: Scene) -> Clock:
-        """The time grid in the precision of the scenes."""
-        dtype = scenes.drive.omega.dtype
-        return Clock(jnp.asarray(self.turns, dtype), jnp.int32(self.steps), jnp.asarray(self.steps, dtype))
+    def clock(self, scenes: Scene, method: Choices) -> Clock:
+        """The time grid of a method in the precision of the scenes."""
+        numbers = (self.turns, self.steps, method.flat_return)
+        start, steps, flat_return = (jnp.asarray(a, scenes.drive.omega.dtype) for a in numbers)
+        return Clock(start, jnp.int32(self.steps), steps, flat_return)
 
 
 class Stretch(NamedTuple):
@@ -121,7 +122,7 @@ def march_by_steps(
     scenes: Scene, lanes: Lane, stretch: Stretch, grid: SampleGrid, method: Choices, tick: Callable[[int], None]
 ) -> SampledMarch:
     """March lanes (leading axis) with samples at the ends of steps; `tick` gets the number of further steps."""
-    clock, each = grid.clock(scenes), best_mapping()
+    clock, each = grid.clock(scenes, method), best_mapping()
 
     def block(interim: tuple[Any, Lane], limits: CallLimits) -> tuple[tuple[Any, Lane], Any, State]:
         begun, lanes = interim
@@ -212,7 +213,7 @@ def march_by_trials(
 
     The steps must end trials, as with a stepper without dense output.
     """
-    clock, left, done, samples, events = grid.clock(scenes), np.int32(stretch.length), stretch.first, [], []
+    clock, left, done, samples, events = grid.clock(scenes, method), np.int32(stretch.length), stretch.first, [], []
     while left and int(np.asarray(lanes.status)[0]) == Status.OK:
         (lanes, remaining), trials = _event_trials(scenes, lanes, clock, left, method, best_mapping())
         trials = jax.tree.map(lambda a: np.moveaxis(np.asarray(a), 0, 1), trials)

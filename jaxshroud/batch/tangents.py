@@ -59,14 +59,14 @@ def _run_in_calls(
     counts, lengths = jnp.int32(steps), None
     if turns is not None:
         counts, lengths = jnp.asarray(np.ceil(steps * turns), jnp.int32), jnp.asarray(turns, omega.dtype)
-    program = march_of(scenes.value).flows
+    program, flat = march_of(scenes.value).flows, jnp.asarray(method.flat_return, omega.dtype)
     lanes, done, pace = program.begin(scenes, states, method), 0, CallPace(first_passes(len(omega), layout))
     while done < n:
         check()
 
         def call(passes: np.int32, left: int = n - done, lanes: Dual = lanes) -> tuple[Dual, int]:
             limits = CallLimits(jnp.int32(left), jnp.asarray(passes))
-            end, ended = program.run(scenes, lanes, limits, counts, lengths, method, best_mapping())
+            end, ended = program.run(scenes, lanes, limits, counts, flat, lengths, method, best_mapping())
             return end, int(ended)
 
         lanes, ended = pace.timed(call, lambda result, left=n - done: result[1] < left)

@@ -67,12 +67,14 @@ def compiled(*static: str) -> Callable[[Callable], Callable]:
         def call(*args: Any, **kwargs: Any) -> Any:
             given = signature(f).bind(*args, **kwargs).arguments
             method: Choices | None = given.get("method")
+            if method is not None:
+                given["method"] = method.as_static
             has_large = method is not None and stepper_for(method).large_kernels
             if is_traced((args, kwargs)) or not accepts_options(has_large):
                 return plain(*args, **kwargs)
             if method is None or not has_large:
-                return widest(*args, **kwargs)
-            return large(**given | {"method": method.with_tolerance()}, tolerance=method.tolerance)
+                return widest(**given)
+            return large(**given | {"method": method.as_static.with_tolerance()}, tolerance=method.tolerance)
 
         call.widest, call.large = widest, large  # pyright: ignore[reportAttributeAccessIssue]
         return call

@@ -35,7 +35,7 @@ def zeno_of_trajectories(scenes: Scene, marched: Trajectories, grid: SampleGrid,
     took = sum(np.asarray(a).reshape(len(last.status), -1)[:, 0] for a in times)  # the same at all interfaces
     steps = took / grid.step_lengths(scenes)
     whole = np.round((steps - last.step - last.search.done) / grid.steps).astype(int)
-    return zeno_report(scenes, last, whole + 1, grid.clock(scenes), method)
+    return zeno_report(scenes, last, whole + 1, grid.clock(scenes, method), method)
 
 
 def zeno_report(scenes: Scene, last: Any, period: np.ndarray, clock: Clock, method: Choices) -> str | None:

@@ -16,6 +16,7 @@ from jaxshroud.march.event import Events, case_switches
 from jaxshroud.march.events import (
     BUILT_IN_EVENTS,
     EVENTS,
+    FLAT_PART,
     LIFT,
     TURN,
     Transition,
@@ -24,7 +25,7 @@ from jaxshroud.march.events import (
     transition,
 )
 from jaxshroud.march.guards import GuardEvaluation, Guards, any_of
-from jaxshroud.march.method import Choices
+from jaxshroud.march.method import FLAT_RETURN, Choices
 from jaxshroud.march.observable import Lift
 from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, where
 from jaxshroud.model.contact_law import starts_in_overlap
@@ -48,11 +49,31 @@ class TimeGrid(NamedTuple):
     start: Scalar  # drive phase where step 0 starts [turns]
     turn: Scalar  # advance of the drive phase in a step [turns]
     h: Scalar  # length of a step [s]
+    flat: Scalar  # part of a step: faces whose rocking returns sooner become flat, see `march.events`
 
 
-def time_grid(start: PerLane, steps: PerLane, period: PerLane) -> TimeGrid:
-    """A grid with `steps` steps in a drive period of `period` seconds; `steps` need not be a whole number."""
-    return TimeGrid(start, 1 / steps, period / steps)
+def time_grid(start: PerLane, steps: PerLane, period: PerLane, flat_return: PerLane | float = FLAT_RETURN) -> TimeGrid:
+    """A grid with `steps` steps in a drive period of `period` seconds; `steps` need not be a whole number.
+
+    Faces whose rocking returns within `flat_return` of a period, or `FLAT_PART` of a step, become flat.
+    """
+    return TimeGrid(start, 1 / steps, period / steps, jnp.minimum(FLAT_PART, flat_return * steps))
+
+
+def most_events(grid: TimeGrid, at_corners: bool) -> Int[Array, "..."] | int:
+    """How many events a step may have: more where faces that touch `at_corners` may rock more often within it."""
+    if not at_corners:
+        return MAX_EVENTS_PER_STEP
+    return jnp.round(MAX_EVENTS_PER_STEP * (FLAT_PART / grid.flat)).astype(jnp.int32)
+
+
+def most_turns(grid: TimeGrid) -> Int[Array, "..."]:
+    """After how many turns within a step an interface of a row becomes flat: those that return twice too soon.
+
+    What an interface predicts of its own return fails where its neighbours rock as well: their torques change with
+    each of their turns.
+    """
+    return jnp.round(2 / grid.flat).astype(jnp.int32)
 
 
 class Lane(eqx.Module):
@@ -124,8 +145,9 @@ def event_change(
     events: Events = BUILT_IN_EVENTS,
 ) -> EventChange:
     """The change of a lane at the motion `z`, where the event of number `kind` happens if `fire` is true."""
-    view = evaluate_guards(z, Q, start, fixed.model, events)
-    return change_at(view, z, start, fire, kind, delay, fixed.grid.h, fixed.model, events=events)
+    model, soon = fixed.model, fixed.grid.flat * fixed.grid.h
+    view = evaluate_guards(z, Q, start, model, events)
+    return change_at(view, z, start, fire, kind, delay, soon, model, events=events)
 
 
 def change_at(
@@ -135,13 +157,13 @@ def change_at(
     fire: Bool[Array, ""],
     kind: Int[Array, ""],
     delay: Scalar,
-    h: Scalar,
+    soon: Scalar,
     model: Model,
     rocks: Bool[Array, ""] | None = None,
     events: Events = BUILT_IN_EVENTS,
 ) -> EventChange:
-    """`event_change` where the guards are known already, in a step of `h` [s]; `rocks` as of `transition`."""
-    change = transition(z, start, view, kind, delay, h, model, rocks, events)
+    """`event_change` where the guards are known already; `soon` and `rocks` as of `transition`."""
+    change = transition(z, start, view, kind, delay, soon, model, rocks, events)
     lift, apart = fire & _lifts(kind, start, change), interface_mode(start.mode) == Mode.APART
     jumps = jax.tree.map(lambda a: where(fire, a, 0.0), EnergyJumps(change.energy, change.dropped))
     onset = lift & apart

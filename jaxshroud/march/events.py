@@ -16,9 +16,9 @@
 **Flat contact.** Contact at the upper corners turns the blocks one way against each other, contact at the lower corners
 the other way. Under load, g = theta_1 - theta_2 is therefore a relay oscillator: its crossings accumulate as it is
 damped, and follow each other at once where it starts at rest (Zeno behaviour). A crossing that predicts two returns,
-2 abs(g') / abs(g'') on either side, within `FLAT_RETURN` of a step leads into flat contact, and the remaining rocking
-motion is dropped. The error is at most `FLAT_RETURN` / 2 of a step times g'' in the rates of theta; the ledger records
-the energy lost. With a finer step the rocking motion itself is resolved.
+2 abs(g') / abs(g'') on either side, within the share `flat_return` of a drive period, or `FLAT_PART` of a step if that
+is shorter, leads into flat contact, and the remaining rocking motion is dropped. The error is at most half of that time
+times g'' in the rates of theta; the ledger records the energy lost. A smaller share resolves the rocking motion itself.
 
 Flat contact ends where the torque at one end of the overlap no longer pushes back. There g, g' and g'' all vanish:
 the faces part with the third power of time, and the sign of g means nothing until g exceeds its rounding error. A turn
@@ -55,7 +55,7 @@ from jaxshroud.model.prepared import Model, State, has_torsion, touches_at_corne
 from jaxshroud.model.rhs import end_torques, parallel_mean, stored_energy
 from jaxshroud.scene.keys import Motion
 
-FLAT_RETURN = 1 / 24  # of a step: a rocking motion that returns sooner than this counts as flat contact
+FLAT_PART = 1 / 24  # of a step: a rocking motion that returns sooner counts as flat contact in any case
 
 
 def _guard_of_lift(now: ContactNow) -> Guard:
@@ -231,18 +231,18 @@ def transition(
     view: GuardEvaluation,
     kind: Int[Array, ""],
     delay: Scalar,
-    h: Scalar,
+    soon: Scalar,
     model: Model,
     rocks: Bool[Array, ""] | None = None,
     events: Events = BUILT_IN_EVENTS,
 ) -> Transition:
-    """The transition of the event of number `kind` at the motion `z`, in a step of `h` [s].
+    """The transition of the event of number `kind` at the motion `z`.
 
-    The guard was crossed at most `delay` [s] ago.
+    The guard was crossed at most `delay` [s] ago. Faces whose rocking returns within `soon` [s] become flat.
     `rocks`: the faces are known to turn to and fro within the step, so that their next turn leads into flat contact.
     """
     law, at, unprojected = model.law, view.at, z
-    case = _next_case(state, view, kind, h, model, rocks) if touches_at_corners(model) else view.case
+    case = _next_case(state, view, kind, soon, model, rocks) if touches_at_corners(model) else view.case
     becomes_flat = (case == FLAT) & (state.case != FLAT)
     if touches_at_corners(model):
         z = jax.tree.map(lambda parallel, own: where(becomes_flat, parallel, own), _as_parallel(z, model), z)
@@ -271,7 +271,7 @@ def _next_case(
     state: State,
     view: GuardEvaluation,
     kind: Int[Array, ""],
-    h: Scalar,
+    soon: Scalar,
     model: Model,
     rocks: Bool[Array, ""] | None,
 ) -> Int[Array, ""]:
@@ -282,12 +282,13 @@ def _next_case(
     case = where(turn | happens(kind, HEIGHT), corner, now)
     touches = happens(kind, LIFT) & (state.mode == Mode.APART)
     level = touches & (view.at.turn == 0) & (view.rate.turn == 0)
-    soon = _returns_soon(view, h, model) if rocks is None else rocks | _returns_soon(view, h, model)
-    return where(level | (turn & (now != FLAT) & soon), FLAT, case)
+    returns = _returns_within(soon, view, model)
+    returns = returns if rocks is None else rocks | returns
+    return where(level | (turn & (now != FLAT) & returns), FLAT, case)
 
 
-def _returns_soon(view: GuardEvaluation, h: Scalar, model: Model) -> Bool[Array, ""]:
-    """Whether theta_1 - theta_2, having crossed zero, is pushed back from both sides and soon returns twice."""
+def _returns_within(time: Scalar, view: GuardEvaluation, model: Model) -> Bool[Array, ""]:
+    """Whether theta_1 - theta_2, having crossed zero, is pushed back from both sides and returns twice by then."""
     lower, upper = view.torques
     returns = 2 * jnp.abs(view.rate.turn) * model.mobility.joint * (lower - upper)  # times -lower * upper
-    return (lower > 0) & (upper < 0) & (returns < FLAT_RETURN * h * -lower * upper)
+    return (lower > 0) & (upper < 0) & (returns < time * -lower * upper)

@@ -135,16 +135,14 @@ def integral_of(guards: Guards, kind: int) -> Scalar:
 
 
 def first_interior_maximum(start: Guards, end: Guards, h: Scalar) -> Scalar:
-    """The earliest fraction of a trial at which a guard seems to be above zero; 1 if there is none.
-
-    All guards must be below zero at the end of the trial.
-    """
+    """The earliest fraction of a trial at which a guard seems to be above zero that is not at its ends; 1 if none."""
     first = jnp.ones_like(h)
     for kind in present(start.value):
         ends = (start.value[kind], end.value[kind]), (start.rate[kind], end.rate[kind])
         integrals = start.integral[kind], end.integral[kind]
         cubic = guard_cubic(*ends, None if is_zero(integrals[0]) else integrals, h)
-        first = where(cubic.g_0 <= 0, jnp.minimum(first, cubic.interior_maximum[0]), first)
+        below = (cubic.g_0 <= 0) & (cubic.g_1 <= 0)
+        first = where(below, jnp.minimum(first, cubic.interior_maximum[0]), first)
     return first
 
 
@@ -206,10 +204,10 @@ def judge_trial(search: Search, outcome: TrialOutcome, h: Scalar, method: Choice
     hit = outcome.hit
     if method.locate == "none":
         return LocationDecision(jnp.ones_like(hit), hit, jnp.zeros_like(hit), search.length * h, search)
-    bracketing, move_low = search.bracketing | hit, search.bracketing & ~hit
+    probes = (search.low == 0) & ~search.probing & (outcome.top < 1)
+    bracketing, move_low = (search.bracketing | hit) & ~probes, search.bracketing & ~hit & ~probes
     high = where(hit, search.length, search.high)
     below = where(move_low, search.length, search.low)
-    probes = ~bracketing & ~search.probing & (outcome.top < 1)
     finest, tolerance = (event_tolerance(jumps, method, high.dtype) for jumps in (jnp.ones_like(hit), outcome.jumps))
     target, low, next_end = outcome.target, outcome.low, (below + high) / 2
     if target is None or low is None:
@@ -219,7 +217,7 @@ def judge_trial(search: Search, outcome: TrialOutcome, h: Scalar, method: Choice
         by_cubic, delay = next_trial_end(target, low, below, high, h, tolerance)
         halve = (target.tries > CUBIC_TRIALS) & (target.tries % 2 == 0)
         next_end = where(halve, next_end, by_cubic)
-    fire = hit & ((delay <= tolerance) | outcome.exact)
+    fire = hit & ~probes & ((delay <= tolerance) | outcome.exact)
     after = search._replace(
         length=where(probes, outcome.top * search.length, where(high - below <= finest, high, next_end)),
         low=below,
@@ -283,12 +281,15 @@ def select_guard(numbers: tuple[Any, ...], kind: Int[Array, "..."]) -> Any:
 
 @traced_once
 def cubic_root(cubic: HermiteCubic) -> Scalar:
-    """The root of a cubic, negative at 0 and positive at 1, by Newton steps from the root of the straight line."""
+    """The root of a cubic, negative at 0 and positive at 1, by Newton steps from that of a line or a parabola."""
     a, b, c = cubic.coefficients
     rise = jnp.maximum(cubic.g_1 - cubic.g_0, jnp.finfo(cubic.g_1.dtype).tiny)
     secant = jnp.clip(-cubic.g_0 / rise, 0.0, 1.0)
     rises = a + secant * (2 * b + secant * 3 * c) > rise / 8
-    s = where(rises, secant, 1.0)  # the root of a guard that starts at zero and first falls is far from the start
+    # the root of a guard that starts at zero and first falls is about that of a parabola
+    square, bends = jnp.maximum(a * a - 4 * b * cubic.g_0, 0.0), b > 0
+    far = where(bends, jnp.minimum((jnp.sqrt(square) - a) / where(bends, 2 * b, 1.0), 1.0), 1.0)
+    s = where(rises, secant, far)
     for _ in range(3):
         slope = a + s * (2 * b + s * 3 * c)
         s = jnp.clip(s - cubic(s) / where(slope > rise / 8, slope, rise), 0.0, 1.0)

@@ -14,6 +14,20 @@ from jaxshroud.march.observable import Observable
 from jaxshroud.march.tableau import DEFAULT_TOLERANCE, RK4, Tableau, TaylorOptions, tableau
 from jaxshroud.model.rhs import Recorded
 from jaxshroud.scene.checks import InputError, Precision, checked, count_argument, type_argument, word_argument
+from jaxshroud.scene.typed import is_number
+
+FLAT_RETURN = 1 / 38400  # of a drive period: what accuracies around 1e-6 need
+
+
+def flat_return_argument(given: Any) -> float:
+    """A share of a drive period within which rocking faces return that count as flat.
+
+    Raises:
+        InputError: It is not a number above 0 and at most 1.
+    """
+    if not (is_number(given) and 0 < given <= 1):
+        raise InputError(f"Argument `flat_return` must be a number above 0 and at most 1, but is {given!r}.")
+    return float(given)
 
 
 def as_tableau(given: str | Tableau) -> Tableau:
@@ -60,6 +74,7 @@ class Choices(NamedTuple):
     vibration: bool = False  # integrate the position of the blocks, about which they vibrate
     observables: tuple[Observable, ...] = ()  # a user's own, logged beside the built-in ones
     events: tuple[Event, ...] = ()  # a user's own, which are counted by their names beside these observables
+    flat_return: float = FLAT_RETURN  # of a drive period: faces whose rocking returns sooner become flat
 
     def __check_init__(self):
         locator_for(self.tableau, self.locate)
@@ -73,6 +88,11 @@ class Choices(NamedTuple):
     def all_events(self) -> Events:
         """The events of the march by their numbers, a user's own last."""
         return *BUILT_IN_EVENTS, *self.events
+
+    @property
+    def as_static(self) -> "Choices":
+        """The method without the number that programs take beside it: the time grid has it."""
+        return self._replace(flat_return=FLAT_RETURN)
 
     @property
     def recorded(self) -> Recorded:
@@ -118,7 +138,7 @@ class Choices(NamedTuple):
     @property
     def finer(self) -> "Choices":
         """The same method with a tenth of the tolerance, if it has one; a check of a march halves the step as well."""
-        return self._replace(tableau=self.tableau.finer(10.0))
+        return self._replace(tableau=self.tableau.finer(10.0), flat_return=self.flat_return / 2)
 
     @property
     def for_verification(self) -> "Choices":
@@ -158,6 +178,9 @@ class RungeKutta(eqx.Module):
             file, else "auto".
         locate: "cubic" (few trials), "bisection" (the reference), or "none": events where steps end.
         precision: "float64" or "float32".
+        flat_return: Share of a drive period: parallel faces whose rocking would return sooner become flat, and what is
+            left of it is dropped. Where that happens an error stays that falls with this share. 1/24 of a step, if that
+            is shorter.
 
     Raises:
         ValueError: A word is unknown, in which case the message suggests one, or a number is out of range.
@@ -172,6 +195,7 @@ class RungeKutta(eqx.Module):
     steps: StepCount | None = eqx.field(static=True)
     locate: Locate = eqx.field(static=True)
     precision: Precision = eqx.field(static=True)
+    flat_return: float = eqx.field(static=True)
 
     def __init__(
         self,
@@ -179,18 +203,19 @@ class RungeKutta(eqx.Module):
         steps: StepCount | None = None,
         locate: Locate = "cubic",
         precision: Precision = "float64",
+        flat_return: float = FLAT_RETURN,
     ):
         self.tableau = as_tableau(tableau)
         self.steps = steps_argument(steps)
         word_argument("locate", locate, get_args(Locate)[:-1])
         word_argument("precision", precision, Precision)
         self.locate, self.precision = locate, precision
+        self.flat_return = flat_return_argument(flat_return)
 
     def replace(self, **changes: Any) -> "RungeKutta":
         """The same method with some of its arguments replaced."""
-        return RungeKutta(
-            **{name: getattr(self, name) for name in ("tableau", "steps", "locate", "precision")} | changes
-        )
+        names = ("tableau", "steps", "locate", "precision", "flat_return")
+        return RungeKutta(**{name: getattr(self, name) for name in names} | changes)
 
     def __str__(self) -> str:
         return in_words(self)
@@ -203,10 +228,10 @@ class Taylor(eqx.Module):
         order: 4 to 24.
         tolerance: Of the last terms of the speeds over the largest speed. The error after a few periods is about as
             large.
-        steps: Steps in one drive period, which count time: for samples, for what is told per step, and for flat
-            contact, which begins where a rocking would return within 1/24 of a step. Where that happens, an error of
-            that size is left at any tolerance, and falls with more steps. By default as of `RungeKutta`.
+        steps: Steps in one drive period, which count time: for samples, and for what is told per step. By default as
+            of `RungeKutta`.
         precision: "float64" or "float32".
+        flat_return: As of `RungeKutta`; where faces become flat, an error of that size is left at any tolerance.
 
     Raises:
         ValueError: A number is out of range, or a word is not known.
@@ -221,6 +246,7 @@ class Taylor(eqx.Module):
     tolerance: float = eqx.field(static=True)
     steps: StepCount | None = eqx.field(static=True)
     precision: Precision = eqx.field(static=True)
+    flat_return: float = eqx.field(static=True)
 
     def __init__(
         self,
@@ -228,16 +254,17 @@ class Taylor(eqx.Module):
         tolerance: float = DEFAULT_TOLERANCE,
         steps: StepCount | None = None,
         precision: Precision = "float64",
+        flat_return: float = FLAT_RETURN,
     ):
         TaylorOptions(order, tolerance)
         word_argument("precision", precision, Precision)
         self.order, self.tolerance, self.steps = order, float(tolerance), steps_argument(steps)
-        self.precision = precision
+        self.precision, self.flat_return = precision, flat_return_argument(flat_return)
 
     def replace(self, **changes: Any) -> "Taylor":
         """The same method with some of its arguments replaced."""
-        kept = {"order": self.order, "tolerance": self.tolerance, "steps": self.steps, "precision": self.precision}
-        return Taylor(**{**kept, **changes})
+        names = ("order", "tolerance", "steps", "precision", "flat_return")
+        return Taylor(**{name: getattr(self, name) for name in names} | changes)
 
     def __str__(self) -> str:
         return in_words(self)
@@ -255,8 +282,10 @@ def in_words(method: Method) -> str:
 def choices(method: Method, *, ledger: bool = False) -> Choices:
     """All choices of the march for a `method`, with a `ledger` or without."""
     if isinstance(method, Taylor):
-        return Choices(TaylorOptions(method.order, method.tolerance), "series", ledger, method.precision)
-    return Choices(method.tableau, method.locate, ledger, method.precision)
+        found = Choices(TaylorOptions(method.order, method.tolerance), "series", ledger, method.precision)
+    else:
+        found = Choices(method.tableau, method.locate, ledger, method.precision)
+    return found._replace(flat_return=method.flat_return)
 
 
 def explicit(method: Method) -> tuple[int, Choices]:
@@ -275,17 +304,18 @@ def explicit(method: Method) -> tuple[int, Choices]:
 def method_of(steps: StepCount, chosen: Choices) -> Method:
     """The method that such choices belong to."""
     if isinstance(chosen.tableau, TaylorOptions):
-        return Taylor(chosen.taylor.order, float(chosen.taylor.tolerance), steps, chosen.precision)
-    return RungeKutta(chosen.rk, steps, chosen.locate, chosen.precision)
+        numbers = chosen.taylor.order, float(chosen.taylor.tolerance)
+        return Taylor(*numbers, steps, chosen.precision, chosen.flat_return)
+    return RungeKutta(chosen.rk, steps, chosen.locate, chosen.precision, chosen.flat_return)
 
 
 def method_as_json(method: Method) -> str:
     """A method as files hold it; of a tableau of the user's own they hold the name alone."""
+    shared = {"steps": method.steps, "precision": method.precision, "flat_return": method.flat_return}
     if isinstance(method, Taylor):
         numbers = {"order": method.order, "tolerance": method.tolerance}
-        return json.dumps({"tableau": "taylor", **numbers, "steps": method.steps, "precision": method.precision})
-    options = {"steps": method.steps, "locate": method.locate, "precision": method.precision}
-    return json.dumps({"tableau": method.tableau.name, **options})
+        return json.dumps({"tableau": "taylor", **numbers, **shared})
+    return json.dumps({"tableau": method.tableau.name, "locate": method.locate, **shared})
 
 
 def method_from_json(text: str) -> Method:

@@ -10,13 +10,13 @@ from jax import lax
 from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.carry import (
-    MAX_EVENTS_PER_STEP,
     EachLane,
     Fixed,
     Lane,
     LaneTree,
     event_change,
     is_finite,
+    most_events,
     running,
     status_of,
     turned_too_far,
@@ -48,7 +48,7 @@ from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, where, zeros_for
 from jaxshroud.model.contact_law import Slider
 from jaxshroud.model.drive import Waves, drive_waves
 from jaxshroud.model.modes import FLAT, Status
-from jaxshroud.model.prepared import Model, State
+from jaxshroud.model.prepared import Model, State, touches_at_corners
 from jaxshroud.scene.keys import Motion
 
 # Derivatives only. The time of an event moves with the slope of the solution, which differs from that of the step by
@@ -193,14 +193,11 @@ def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed[Mo
     trial = AcceptedTrial(start, start.mode, h, z, z, view.at.v, lift, gain, jumps, lane.step, step, ending)
     accumulator = updated_accumulator(lane.accumulator, trial, model, method)
     accumulator = accumulator._replace(margins=updated_margins(accumulator.margins, change, fire, model))
-    status = where(accept, _status(z, decision.not_finite, next_search), Status.OK).astype(jnp.int32)
+    too_many = next_search.events > most_events(grid, touches_at_corners(model))
+    status = status_of(turned_too_far(z, decision.not_finite), decision.not_finite, too_many)
+    status = where(accept, status, Status.OK).astype(jnp.int32)
     later = Lane(state, step, next_search, guards, accumulator, status)
     return lane_after(lane, later, accept, decision.move_low, running(lane, stop), repeated)
-
-
-def _status(z: Motion, lost: Bool[Array, ""], after: Search) -> Int[Array, ""]:
-    """The status at the end `z` of an accepted trial, and `after` it."""
-    return status_of(turned_too_far(z, lost), lost, after.events > MAX_EVENTS_PER_STEP)
 
 
 def _with_slider_of(start: State, end: State) -> State:
@@ -217,7 +214,8 @@ def _apply_without_events(lane: Lane, end: StepEnd, decision: Decision, fixed: F
     mode, h, lift = mode_of_smooth_contact(at.v), trial_interval(lane, grid).h, Lift(no, no, no)
     trial = AcceptedTrial(lane.state, mode, h, z, z, at.v, lift, end.gain, no_jumps, lane.step, step)
     accumulator = updated_accumulator(lane.accumulator, trial, model, method)
-    status = where(accept, _status(z, decision.not_finite, next_search), Status.OK).astype(jnp.int32)
+    status = status_of(turned_too_far(z, decision.not_finite), decision.not_finite, no)
+    status = where(accept, status, Status.OK).astype(jnp.int32)
     later = Lane(end.state, step, next_search, None, accumulator, status)
     return lane_after(lane, later, accept, no, running(lane, stop), lane.search)
 

@@ -15,18 +15,18 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.accumulator import Accumulator, EnergyJumps, EventMargins, Log, no_margins
 from jaxshroud.march.carry import (
-    MAX_EVENTS_PER_STEP,
     Fixed,
     InterfaceChange,
     Lane,
     TimeGrid,
     change_at,
+    most_events,
+    most_turns,
     running,
     status_of,
     updated_margins,
 )
 from jaxshroud.march.event import above_zero, case_switches, check_own_events, guards_after_event, guards_to_begin_with
-from jaxshroud.march.events import FLAT_RETURN
 from jaxshroud.march.guards import Guards, any_of
 from jaxshroud.march.locate import LocationDecision, select
 from jaxshroud.march.log import (
@@ -76,7 +76,7 @@ def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Lan
     turns = jnp.zeros(shape, jnp.int32) if model.turns_by_events else None
     search = new_search(lanes, lanes, jnp.ones(lanes.shape, bool), count, method.locate, False, of_row=True)
     search = search._replace(pending=pending, turns=turns)
-    zero_step = interval_in_step(count, lanes, lanes, TimeGrid(lanes, lanes, lanes))
+    zero_step = interval_in_step(count, lanes, lanes, TimeGrid(lanes, lanes, lanes, lanes))
     nothing = zeros_for(lambda: row_step(zero_step, state, clusters_of(state, model), model, method, each).gain)
     guards = None
     check_own_events(method.events, model.interfaces.law.has_events)
@@ -88,11 +88,6 @@ def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Lan
     return Lane(state, count, search, guards, Accumulator(nothing, EnergyJumps(at, lanes), log, margins), count)
 
 
-# A rocking motion that has turned so often within a step returns twice within `FLAT_RETURN` of it. What an interface
-# predicts of its own return fails where its neighbours rock as well: their torques change with every turn of theirs.
-MAX_TURNS_PER_STEP = round(2 / FLAT_RETURN)
-
-
 def interface_change(
     torque: Scalar,
     joint: Scalar,
@@ -102,7 +97,7 @@ def interface_change(
     several: Bool[Array, ""],
     inside: Bool[Array, ""],
     delay: Scalar,
-    h: Scalar,
+    grid: TimeGrid,
     counted: dict[str, Any],
     margins: EventMargins | None,
     turns: Int[Array, ""] | None,
@@ -116,12 +111,13 @@ def interface_change(
     if not is_zero(joint):
         model = eqx.tree_at(lambda m: m.mobility.joint, model, joint)
     view = interface_view(torque, start, model, method.all_events)
-    rocks = None if turns is None else turns >= MAX_TURNS_PER_STEP
-    change = change_at(view, start.motion, start, fire, kind, delay, h, model, rocks, method.all_events)
+    rocks = None if turns is None else turns >= most_turns(grid)
+    soon, events = grid.flat * grid.h, method.all_events
+    change = change_at(view, start.motion, start, fire, kind, delay, soon, model, rocks, events)
     now = change.transition.after
     u_s, mode, case = select(fire, (now.u_s, now.mode, now.case), (start.u_s, start.mode, start.case))
     becomes_flat = fire & (case == FLAT) & (start.case != FLAT)
-    turned = any_of(case_switches(kind, method.all_events))
+    turned = any_of(case_switches(kind, events))
     springs, v = lax.stop_gradient((change.jumps.springs, view.at.v))
     ending = Ending(change.transition, fire, inside)
     takers = [one for one in takers_of_events(method) if one.name in counted]
@@ -205,7 +201,7 @@ def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -
     told = change.v, change.lift, end.gain, jumps, lane.step, step, change.counted
     trial = AcceptedTrial(start, interface_mode(start.mode), interval.h, *motions, *told)
     accumulator = updated_row_accumulator(lane.accumulator, trial, model, method, each)._replace(margins=change.margins)
-    limit = MAX_EVENTS_PER_STEP * len(verdict.outcome.hit)
+    limit = most_events(grid, model.turns_by_events) * len(verdict.outcome.hit)
     too_many = next_search.events > limit
     status = status_of(_turned(after, verdict.not_finite, model), verdict.not_finite, too_many)
     status = jnp.where(accept, status, Status.OK).astype(jnp.int32)
@@ -244,7 +240,7 @@ def _change_of_row(
         verdict.outcome.several,
         lane.search.inside,
         crossing.delay,
-        lax.stop_gradient(grid.h),
+        lax.stop_gradient(grid),
         _of_events(log, method),
         lane.accumulator.margins,
         lane.search.turns,

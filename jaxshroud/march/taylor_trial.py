@@ -14,7 +14,6 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.accumulator import displacements_of
 from jaxshroud.march.carry import (
-    MAX_EVENTS_PER_STEP,
     NEGLIGIBLE_REST,
     EachLane,
     Fixed,
@@ -22,6 +21,7 @@ from jaxshroud.march.carry import (
     LaneTree,
     event_change,
     is_finite,
+    most_events,
     running,
     status_of,
     turned_too_far,
@@ -29,7 +29,7 @@ from jaxshroud.march.carry import (
     updated_margins,
 )
 from jaxshroud.march.event import case_switches
-from jaxshroud.march.events import EVENTS, FLAT_RETURN, LIFT, happens, number_of
+from jaxshroud.march.events import EVENTS, LIFT, happens, number_of
 from jaxshroud.march.extremes import ContactSeries, MotionSeries, deepest_penetration
 from jaxshroud.march.guards import any_of
 from jaxshroud.march.locate import at_event, select
@@ -60,7 +60,7 @@ from jaxshroud.model.arithmetic import Scalar, is_zero, sincos_turns, where
 from jaxshroud.model.contact_law import linear_law
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import FLAT, Mode
-from jaxshroud.model.prepared import Model, State
+from jaxshroud.model.prepared import Model, State, touches_at_corners
 from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.series import polynomial_value_and_rate
 from jaxshroud.scene.keys import Motion
@@ -149,13 +149,13 @@ def _trial_event(
     expansion: TaylorExpansion, lane: Lane, fixed: Fixed[Model], order: int
 ) -> tuple[TrialEvent, Int[Array, ""]]:
     """The event that ends the trial, and its kind."""
-    search = lane.search
+    search, grid = lane.search, fixed.grid
     h = jnp.minimum(
         _accurate_length(expansion, order, search.tolerance, fixed), jnp.maximum(_remaining_angle(lane, fixed), 0.0)
     )
     rocking = [g.coefficients(2) for kind, g in expansion.guards if EVENTS[kind].switches_case]
-    # a rocking motion that returns sooner counts as flat contact
-    resolved = jnp.maximum(return_length(rocking, h), FLAT_RETURN * RADIANS_PER_TURN * fixed.grid.turn)
+    shortest = grid.flat * RADIANS_PER_TURN * grid.turn  # what returns sooner counts as flat contact
+    resolved = jnp.maximum(return_length(rocking, h), shortest)
     h = jnp.minimum(h, resolved)
     h = where(search.tries > 0, jnp.minimum(h, search.cap), h)
     return _first_event_of_kind(expansion, order, h, search)
@@ -274,7 +274,8 @@ def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[Model], method
     accumulator = updated_accumulator(lane.accumulator, accepted, model, method)
     accumulator = accumulator._replace(margins=updated_margins(accumulator.margins, change, fire, model))
     lost, tries = ~is_finite(z), jnp.maximum(next_search.events, next_search.tries)
-    status = status_of(turned_too_far(z, lost), lost, tries > MAX_EVENTS_PER_STEP)
+    too_many = tries > most_events(grid, touches_at_corners(model))
+    status = status_of(turned_too_far(z, lost), lost, too_many)
     state = select(fire, transition.after, State(z, start.u_s, start.mode, start.case))
     # contact may begin flat although one end of the overlap already pulls
     next_search = next_search._replace(recheck=next_search.recheck | (fire & (transition.after.case == FLAT)))

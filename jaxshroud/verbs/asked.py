@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxshroud.march.method import Choices, Method, StepCount, method_as_json, method_of
+from jaxshroud.march.method import FLAT_RETURN, Choices, Method, StepCount, method_as_json, method_of
 from jaxshroud.march.method_names import Locate
 from jaxshroud.march.stability import stiffest
 from jaxshroud.march.tableau import MIN_STEPS, TOLERANCE_RANGE, TaylorOptions, tableau
@@ -34,6 +34,14 @@ def accuracy_level(accuracy: Any) -> float:
     return value
 
 
+def flat_return_for(accuracy: float) -> float:
+    """The share of a drive period within which rocking faces return that count as flat, for an accuracy.
+
+    1/2400, 1/38400 and 1/610000 for 1e-3, 1e-6 and 1e-9; about as much again as what their drop leaves of an error.
+    """
+    return FLAT_RETURN * (accuracy / NAMED["balanced"]) ** 0.4
+
+
 class Setting(NamedTuple):
     """A method with its step or tolerance; the steps of power series only count time."""
 
@@ -44,17 +52,18 @@ class Setting(NamedTuple):
     width: float = 0.0  # of smooth contact in place of the spring, see `softened`; 0: the contact of the scene
     order: int = 0  # of power series; 0: a Runge-Kutta method
     tolerance: float = 0.0  # of power series
+    flat_return: float = FLAT_RETURN
 
     @property
     def method(self) -> Choices:
         """The static choices of the march, without the step."""
         stepping = TaylorOptions(self.order, self.tolerance) if self.order else tableau(self.tableau)
-        return Choices(stepping, self.locate, False, self.precision)  # type: ignore[arg-type]
+        return Choices(stepping, self.locate, False, self.precision, flat_return=self.flat_return)  # type: ignore[arg-type]
 
     def finer(self, n: int) -> "Setting":
-        """The setting with the step halved `n` times, and the tolerance of power series divided by 10 as often."""
+        """The setting with half the step, a quarter of `flat_return` and a tenth of the tolerance, `n` times."""
         tolerance = max(self.tolerance / 10**n, TOLERANCE_RANGE[0]) if self.order else 0.0
-        return self._replace(product=self.product / 2**n, tolerance=tolerance)
+        return self._replace(product=self.product / 2**n, tolerance=tolerance, flat_return=self.flat_return / 4**n)
 
     @property
     def exact(self) -> "Setting":
@@ -141,7 +150,8 @@ def choice_without_trial(accuracy: str | float, told: bool, scene: Scene) -> Cho
     level = accuracy_level(accuracy)
     name = "tsit5" if level >= COARSE_ACCURACY else "dopri8"
     untried = "rows" if scene.row is not None else "faces of several points"
-    return Choice(level, Setting(name, "cubic", "float64", np.nan), None, promised=None, told=told, untried=untried)
+    setting = Setting(name, "cubic", "float64", np.nan, flat_return=flat_return_for(level))
+    return Choice(level, setting, None, promised=None, told=told, untried=untried)
 
 
 ACCURACY = "balanced"  # unless an argument or the scene file says how to march

@@ -42,6 +42,7 @@ from jaxshroud.verbs.asked import (
     Setting,
     accuracy_level,
     choice_without_trial,
+    flat_return_for,
     is_tried,
 )
 from jaxshroud.verbs.options import ResolvedOptions, resolve_options
@@ -133,7 +134,7 @@ def _candidates(lanes: Scene, accuracy: float) -> tuple[list[Setting], bool]:
     settings = {float(level): Setting(*setting) for level, setting in rows[-1].items()}
     sufficient = [settings[level] for level in sorted(settings, reverse=True) if level <= accuracy * 1.001]
     finest = [Setting(*list(row.values())[-1]) for row in rows if row]
-    found = sufficient or finest[-1:]
+    found = [setting._replace(flat_return=flat_return_for(accuracy)) for setting in sufficient or finest[-1:]]
     found = [setting for pair in zip([found[0], *found], found, strict=False) for setting in _decades(*pair)]
     finer = [found[-1].finer(n) for n in range(1, MAX_FINER_SETTINGS + 1)]
     finer = [setting for setting in finer if setting.finer(1).tolerance < setting.tolerance / 2 or not setting.order]
@@ -217,11 +218,19 @@ def _with_moved_start(scenes: Scene, shares: FloatArray) -> Scene:
     return eqx.tree_at(lambda s: (s.initial.x, s.initial.y, s.initial.theta), scenes, tuple(moved))
 
 
-def warn_missed(missed: np.ndarray, choice: Choice) -> None:
-    """Warn of `missed_lanes`, if there are any, at the line that calls the verb."""
+def warn_missed(missed: np.ndarray, choice: Choice, dropped: np.ndarray | None = None) -> None:
+    """Warn of `missed_lanes`, if there are any, at the line that calls the verb.
+
+    Args:
+        missed: Whether each lane misses the accuracy.
+        choice: The method, with the accuracy.
+        dropped: The energy that beginnings of flat contact dropped in each lane over the drive's work, if it is known.
+    """
     if missed.any():
         text = f"{missed.sum()} of {missed.size} runs miss the accuracy of {choice.accuracy:.0e} within three periods"
-        warnings.warn(text, AccuracyWarning, stacklevel=4)
+        share = 0.0 if dropped is None else float(np.max(np.nan_to_num(dropped), initial=0.0))
+        told = f"; where faces became flat, up to {share:.0e} of the drive's work was dropped" if share > 0 else ""
+        warnings.warn(text + told, AccuracyWarning, stacklevel=4)
 
 
 class Trials(TypedDict, total=False):

@@ -247,7 +247,9 @@ def power(
     result = _power_result(resolved, summaries, march, chatter)
     warn_failures(result.status, chatter, throw=throw)
     if march.tried is not None:
-        warn_missed(missed_lanes(lanes, march.tried, partial(end_states, ledger=True, vibration=True)), march.tried)
+        missed = missed_lanes(lanes, march.tried, partial(end_states, ledger=True, vibration=True))
+        work = np.asarray(result.work_drive, float)
+        warn_missed(missed, march.tried, result.loss_flat / np.where(work > 0, work, np.nan))
     return result
 
 

@@ -113,7 +113,7 @@ def simulate(
     result = _trajectory(resolved, in_shape(columns, resolved.shape), common)
     warn_failures(result.status, chatter, throw=throw)
     if march.tried is not None:
-        warn_missed(missed_lanes(lanes, march.tried, trajectory_ends), march.tried)
+        warn_missed(missed_lanes(lanes, march.tried, trajectory_ends), march.tried, result.energy_dropped)
     return result
 
 

@@ -180,7 +180,7 @@ def sweep(
         result = confirmed_run(lambda how: run_direction(grid, states, direction, how), settings)
     warn_failures(result.status, result.chatter, throw=throw)
     if march.tried is not None:
-        warn_missed(result.inaccurate, march.tried)
+        warn_missed(result.inaccurate, march.tried, result.energy_dropped)
     return result
 
 

@@ -72,7 +72,7 @@ def series(order: int, tolerance: float) -> Choices:
 def trials(p: Problem, method: Choices, steps: int) -> tuple[float, float]:
     """Trials and events of a lane in a period, on average."""
     scenes = scenes_of(p)
-    clock = Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(float(steps)))
+    clock = Clock.from_phase_0(steps)
     models, periods = jax.vmap(lambda scene: (prepared_model(scene), scene.drive.period))(scenes)
     fixed = Fixed(models, clock.grids(periods), jnp.full(len(p.gamma), steps, jnp.int32))
     on_its_way = lambda lanes: running(lanes, fixed.stop)
@@ -108,7 +108,7 @@ def prepare_scenes(scenes: Scene, method: Choices, chunk: int, periods: int) -> 
     begun = [begin_lanes(piece, initial_states(piece), method) for piece in pieces]
 
     def march(steps: int) -> np.ndarray:
-        clock = Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(float(steps)))
+        clock = Clock.from_phase_0(steps)
         limits = one_call(periods)
         ends = [
             run_block(s, at_start_of_period(a), clock, limits, method, periods, best_mapping(), PAIR_KERNELS)[0]

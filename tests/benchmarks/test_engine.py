@@ -94,7 +94,7 @@ def test_many_lanes():
 def test_general_parameters():
     # The same chunk with every number of the scene in the lanes, or all but gamma as constants of the program.
     part, steps = problem(LANES_PER_CALL), 500
-    clock = Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(float(steps)))
+    clock = Clock.from_phase_0(steps)
     scenes = engine.scenes_of(part)
     lanes = begin_lanes(scenes, initial_states(scenes), FAST)
     numbers = jax.tree.map(lambda a: float(a[0]), jax.vmap(prepared_model)(scenes))
