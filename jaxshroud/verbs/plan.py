@@ -134,7 +134,8 @@ def _candidates(lanes: Scene, accuracy: float) -> tuple[list[Setting], bool]:
     settings = {float(level): Setting(*setting) for level, setting in rows[-1].items()}
     sufficient = [settings[level] for level in sorted(settings, reverse=True) if level <= accuracy * 1.001]
     finest = [Setting(*list(row.values())[-1]) for row in rows if row]
-    found = [setting._replace(flat_return=flat_return_for(accuracy)) for setting in sufficient or finest[-1:]]
+    begun = 4 * flat_return_for(accuracy)  # trials tell whether this is enough
+    found = [setting._replace(flat_return=begun) for setting in sufficient or finest[-1:]]
     found = [setting for pair in zip([found[0], *found], found, strict=False) for setting in _decades(*pair)]
     finer = [found[-1].finer(n) for n in range(1, MAX_FINER_SETTINGS + 1)]
     finer = [setting for setting in finer if setting.finer(1).tolerance < setting.tolerance / 2 or not setting.order]
@@ -308,7 +309,8 @@ def _refuse_accuracy(asked: Asked, law: type[ContactLaw]) -> None:
 def _recording(method: Choices, usual: Choices, law: type[ContactLaw]) -> Choices:
     """The method that records what the usual one does, and the energy balance of laws that have no other check."""
     ledger = usual.ledger or law.may_create_energy
-    return usual._replace(tableau=method.tableau, locate=method.locate, precision=method.precision, ledger=ledger)
+    chosen = {name: getattr(method, name) for name in ("tableau", "locate", "precision", "flat_return")}
+    return usual._replace(**chosen, ledger=ledger)
 
 
 @typed

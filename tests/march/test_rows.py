@@ -23,6 +23,7 @@ from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Recorded
 from jaxshroud.model.row import prepared_row, row_rhs
+from jaxshroud.orbits.short_runs import state_errors
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import Parts
 from jaxshroud.scene.other_parts import with_parts
@@ -362,7 +363,63 @@ def test_faces_that_rock_with_their_neighbours_come_to_rest(monkeypatch):
     np.testing.assert_allclose(coarse.motion.x[-1], fine.motion.x[-1], rtol=0, atol=1e-6 * size)  # found 5e-8
     assert coarse.counters["flat"].sum() > 0
     # Control: by the prediction of each interface alone the events of a step have no end.
-    monkeypatch.setattr(row_trial, "MAX_TURNS_PER_STEP", 10**6)
+    monkeypatch.setattr(row_trial, "most_turns", lambda grid: jnp.full(grid.turn.shape, 10**6, jnp.int32))
     with pytest.warns(js.LaneWarning):
         alone = js.sweep(scene, {"drive.M_0": [1.0]}, n_periods=1, transient=0, method=methods[0])
     assert alone.status.tolist() == [Status.TOO_MANY_EVENTS]
+
+
+# Three light blades that rock, three periods from rest: by the second opinion, which resolves all 5,362 case switches
+# (its bounds on the number of events apart).
+LIGHT_RING = RowParameters(
+    m=(0.05183813551361192, 0.08548142804263364, 0.09739182990615111),
+    I=(2.46e-05,) * 3,
+    k_x=(86397.54489944446, 141650.83720148337, 131056.98794547403),
+    k_y=(3974909.8053062856, 1740508.7751700622, 1500737.5737205902),
+    k_T=(2096.980454658508, 1975.9523860886836, 2607.5814342029903),
+    c_x=(7.636544301960844, 6.289246741111372, 2.3188361843844976),
+    c_y=(25.249799314321546,) * 3,
+    c_T=(0.6371147253932091,) * 3,
+    m_y=(0.05183813551361192, 0.08548142804263364, 0.09739182990615111),
+    beta=(0.8240487050940887,) * 3,
+    F_0=(88.56107233570107,) * 3,
+    M_0=(1.5721896154777892,) * 3,
+    phase=(0.0, 8.377580409572781, 16.755160819145562),
+    gap=(5.91657575309579e-06,) * 3,
+    k=(489902.81014340825, 199568.48333033692, 193068.99192557807),
+    k_d=(922628.222027066, 236439.23102041852, 1479367.4949086865),
+    mu=(0.28329045836979355,) * 3,
+    omega=593.2827129083602,
+    alpha=1.0479120352562896,
+    l_oa=0.05,
+    l_ab=0.035,
+    closed=True,
+    mistuning=(-0.029809489159672825, -0.039258573441071566, 0.0013580539299910968),
+    initial=(0.0,) * 18,
+)
+LIGHT_RING_END = [
+    [4.943369624387489e-06, 0.00013491835737509134, -0.00010810989580055462],
+    [1.7756062470590129e-06, 3.29815076046298e-05, -5.234530761731242e-05],
+    [-0.00018863810805048957, 0.00037787454060062925, -0.00036313783990260984],
+    [0.2859276834160262, -0.01271033541605187, -0.13793438901515334],
+    [0.0028410788495696125, -0.01746056092395978, -0.055816105218417435],
+    [0.6261219561947713, -0.27382987510752277, -0.01481485673443476],
+]
+
+
+@pytest.mark.full
+def test_the_share_of_a_period_decides_when_rocking_faces_become_flat_and_not_the_step():
+    def run(steps, **flat):
+        march = js.simulate(row_scene_of(LIGHT_RING), n_periods=3, method=js.RungeKutta("dopri8", steps, **flat))
+        names = ("x", "y", "theta", "v_x", "v_y", "v_theta")
+        error = state_errors(*np.array([[[getattr(march.motion, name)[-1] for name in names]], [LIGHT_RING_END]]))
+        return float(error[0]), march.counters["flat"].sum(), float(march.energy_dropped)
+
+    for steps in (200, 400):
+        error, flat, dropped = run(steps)
+        assert error < 1e-7  # found 4e-8 and 2e-8
+        assert flat == 1
+        assert dropped == pytest.approx(2.9e-11, rel=0.01)
+        assert run(steps, flat_return=1 / 2400)[0] > 5e-6  # control: as at 100 steps, when the step decided
+    # Without flat contact: a guard that rises and falls before another interface has its event was missed once (8e-6).
+    assert run(200, flat_return=1e-7)[0] < 2e-7
