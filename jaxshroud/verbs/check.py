@@ -19,9 +19,9 @@ from jaxshroud.model.natural_modes import LinearContact, drive_loads, linear_con
 from jaxshroud.orbits.linear_response import touching_gradients
 from jaxshroud.results.data_sheet import Coordinate, DataSheet, FlowMode, NaturalMode, crossings_between
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.engine_order import engine_order_of
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.speed import engine_order_of
 from jaxshroud.scene.typed import typed
 from jaxshroud.signals.averages import half_diagonal
 from jaxshroud.verbs.arguments import check_row, one_scene
