@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxshroud.march.accumulator import Accumulator, EnergyJumps, EventMargins
-from jaxshroud.march.event import Events, case_switches
+from jaxshroud.march.event import Events, GuardEvaluation, Guards, any_of, case_switches
 from jaxshroud.march.events import (
     BUILT_IN_EVENTS,
     EVENTS,
@@ -23,7 +23,6 @@ from jaxshroud.march.events import (
     happens,
     transition,
 )
-from jaxshroud.march.guards import GuardEvaluation, Guards, any_of
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Lift
 from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, where

@@ -32,8 +32,18 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.march.event import Event, EventInstant, Events, always, next_mode
-from jaxshroud.march.guards import ContactNow, Guard, GuardEvaluation, Guards, any_of
+from jaxshroud.march.event import (
+    ContactNow,
+    Event,
+    EventInstant,
+    Events,
+    Guard,
+    GuardEvaluation,
+    Guards,
+    always,
+    any_of,
+    next_mode,
+)
 from jaxshroud.march.point_events import POINT_EVENTS
 from jaxshroud.model.arithmetic import ZERO, Scalar, where
 from jaxshroud.model.drive import Waves

@@ -12,8 +12,7 @@ from jaxshroud.march.events import place_contact
 from jaxshroud.model.arithmetic import ZERO, Scalar, blended, is_zero, summed, where
 from jaxshroud.model.contact_law import Slider, SummedForces
 from jaxshroud.model.drive import Waves
-from jaxshroud.model.face_points import FaceKinematics
-from jaxshroud.model.geometry import Case, Kinematics, Pose, is_upper, tip_is_left
+from jaxshroud.model.geometry import Case, FaceKinematics, Kinematics, Pose, is_upper, tip_is_left
 from jaxshroud.model.interface import EndTorques, law_forces
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.points_contact import interface_mode, points_last

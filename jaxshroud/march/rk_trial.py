@@ -26,6 +26,7 @@ from jaxshroud.march.carry import (
 from jaxshroud.march.event import (
     Events,
     above_zero,
+    any_of,
     case_switches,
     check_own_events,
     first_kind,
@@ -36,7 +37,6 @@ from jaxshroud.march.event import (
     violated_guards,
 )
 from jaxshroud.march.events import evaluate_guards, place_contact
-from jaxshroud.march.guards import any_of
 from jaxshroud.march.locate import at_event, at_least_two, judge_trial, outcome_of_pair, select, select_guard
 from jaxshroud.march.log import new_accumulator, updated_accumulator
 from jaxshroud.march.method import Choices

@@ -25,9 +25,16 @@ from jaxshroud.march.carry import (
     status_of,
     updated_margins,
 )
-from jaxshroud.march.event import above_zero, case_switches, check_own_events, guards_after_event, guards_to_begin_with
+from jaxshroud.march.event import (
+    Guards,
+    above_zero,
+    any_of,
+    case_switches,
+    check_own_events,
+    guards_after_event,
+    guards_to_begin_with,
+)
 from jaxshroud.march.events import FLAT_RETURN
-from jaxshroud.march.guards import Guards, any_of
 from jaxshroud.march.locate import LocationDecision, select
 from jaxshroud.march.log import (
     new_row_log,
@@ -40,8 +47,15 @@ from jaxshroud.march.log import (
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Ending, Lift
 from jaxshroud.march.rk_step import interval_in_step, trial_interval
-from jaxshroud.march.row_guards import interface_view, row_guards, row_torques
-from jaxshroud.march.row_locate import InterfaceOutcome, interface_outcome, judge_row, row_outcome
+from jaxshroud.march.row_guards import (
+    InterfaceOutcome,
+    interface_outcome,
+    interface_view,
+    judge_row,
+    row_guards,
+    row_outcome,
+    row_torques,
+)
 from jaxshroud.march.row_step import (
     OfLanes,
     RowCrossing,

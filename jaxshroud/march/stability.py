@@ -19,8 +19,7 @@ from jaxshroud.march.tableau import MIN_STEPS, RK4, Tableau, TaylorOptions
 from jaxshroud.model.arithmetic import Scalar, filled
 from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.coupling import coupling_bounds, couplings_of_pairs
-from jaxshroud.model.face_points import face_kinematics
-from jaxshroud.model.geometry import Corners, contact_kinematics, corners, pose
+from jaxshroud.model.geometry import Corners, contact_kinematics, corners, face_kinematics, pose
 from jaxshroud.model.linear import free_reach, steady_amplitudes
 from jaxshroud.model.prepared import prepared_law
 from jaxshroud.model.row import pair_at

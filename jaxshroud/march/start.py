@@ -5,9 +5,8 @@ A march crosses these events in its first trials, of length zero; here they are 
 
 import jax.numpy as jnp
 
-from jaxshroud.march.event import first_kind
+from jaxshroud.march.event import GuardEvaluation, any_of, first_kind, present
 from jaxshroud.march.events import transition
-from jaxshroud.march.guards import GuardEvaluation, any_of, present
 from jaxshroud.march.locate import select
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode

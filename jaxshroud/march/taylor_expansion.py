@@ -17,8 +17,8 @@ from jaxtyping import Array, Int
 from numpy.polynomial.legendre import Legendre
 
 from jaxshroud.march.carry import Fixed, Lane
+from jaxshroud.march.event import switch_guards
 from jaxshroud.march.events import HEIGHT, LIFT, RUB, TURN, number_of, place_contact
-from jaxshroud.march.guards import switch_guards
 from jaxshroud.march.tableau import TOLERANCE_RANGE
 from jaxshroud.model.arithmetic import ZERO, Pair, Scalar, is_zero, sincos_turns, where
 from jaxshroud.model.contact_law import ContactLoads, LinearLaw, linear_law

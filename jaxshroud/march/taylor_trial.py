@@ -28,10 +28,9 @@ from jaxshroud.march.carry import (
     updated_lanes,
     updated_margins,
 )
-from jaxshroud.march.event import case_switches
+from jaxshroud.march.event import any_of, case_switches
 from jaxshroud.march.events import EVENTS, FLAT_RETURN, LIFT, happens, number_of
 from jaxshroud.march.extremes import ContactSeries, MotionSeries, deepest_penetration
-from jaxshroud.march.guards import any_of
 from jaxshroud.march.locate import at_event, select
 from jaxshroud.march.log import found_by_series, new_accumulator, updated_accumulator
 from jaxshroud.march.method import Choices

@@ -5,9 +5,9 @@ from typing import NamedTuple
 from jaxshroud.model.arithmetic import ZERO, Scalar, where
 from jaxshroud.model.contact import Load
 from jaxshroud.model.contact_law import ContactPoint, Forces
-from jaxshroud.model.face_points import FaceKinematics
 from jaxshroud.model.geometry import (
     Case,
+    FaceKinematics,
     Kinematics,
     Pose,
     contact_kinematics,

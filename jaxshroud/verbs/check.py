@@ -27,8 +27,7 @@ from jaxshroud.signals.averages import half_diagonal
 from jaxshroud.verbs.arguments import check_row, one_scene
 from jaxshroud.verbs.campbell_lines import lines_of_speeds
 from jaxshroud.verbs.doubts import LEAST_DRIVEN, advice_on, doubts_of
-from jaxshroud.verbs.natural_frequencies import RAD_PER_CYCLE, modes_of
-from jaxshroud.verbs.nodal_diameters import flow_modes
+from jaxshroud.verbs.natural_frequencies import RAD_PER_CYCLE, flow_modes, modes_of
 from jaxshroud.verbs.settled import has_settled_motion, settled_motion
 
 USUAL_ORDERS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)  # that are shown beside the scene's own

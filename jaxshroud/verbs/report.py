@@ -13,8 +13,8 @@ from jaxshroud.batch.plan import Plan, Progress, Ticker
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.model.modes import Status
+from jaxshroud.results.amplitudes import stored_state
 from jaxshroud.results.attractors import Attractors
-from jaxshroud.results.contact_state import stored_state
 from jaxshroud.results.scatter import Report
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.tuned import Tuned
