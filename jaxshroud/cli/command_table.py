@@ -344,7 +344,7 @@ COMMANDS = {
         ),
         arguments=("n_periods", "transient", "num", "most_points", "doublings"),
         files=("response.nc", "response.png", "summary.json"),
-        module="response",
+        module="orbits",
     ),
     "mistune": Command(
         "How far mistuning amplifies the largest amplitude of a row of blades, over random patterns.",

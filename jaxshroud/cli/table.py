@@ -4,10 +4,9 @@ import argparse
 from typing import Any
 
 from jaxshroud.batch.plan import Plan
-from jaxshroud.batch.projection import projected_seconds
 from jaxshroud.batch.threads import cores
 from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_with_accuracy_warnings, print_result
-from jaxshroud.cli.projection import LONG_RUN_STEPS, print_projection
+from jaxshroud.cli.projection import LONG_RUN_STEPS, print_projection, projected_seconds
 from jaxshroud.cli.terminal import CommandError, input_errors_at, progress_bar, shortened
 from jaxshroud.io.csv_text import read_csv
 from jaxshroud.march.method import FOR_P_D
@@ -17,7 +16,7 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.verbs.options import resolve_options
+from jaxshroud.verbs.arguments import resolve_options
 from jaxshroud.verbs.plan import plan_march
 from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE
 from jaxshroud.verbs.table import check_ranking, checked_designs

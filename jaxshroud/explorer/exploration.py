@@ -21,8 +21,8 @@ from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.keys import ALL_KEYS, Key, key_in
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import read_shown, shown_text
+from jaxshroud.verbs.arguments import resolve_options
 from jaxshroud.verbs.asked import Asked, accuracy_level
-from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.plan import plan_march
 
 # In the order of the page; of rivals a scene gives one.

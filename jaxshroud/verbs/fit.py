@@ -23,12 +23,11 @@ from jaxshroud.scene.measurements import Measurements
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of
-from jaxshroud.verbs.arguments import one_scene
+from jaxshroud.verbs.arguments import one_scene, resolve_options
 from jaxshroud.verbs.asked import MarchPlan, MethodArgument
 from jaxshroud.verbs.design_problem import Problem, design_corners, problem_of
 from jaxshroud.verbs.fit_model import FitModel, HistoryModel, ResponseModel
 from jaxshroud.verbs.lanes import with_tangents
-from jaxshroud.verbs.options import resolve_options
 
 CURVE_POINTS = 1000  # of the fitted history that is drawn
 FEWEST_POINTS = 8  # of a search

@@ -34,12 +34,11 @@ from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import check_continuous
 from jaxshroud.scene.vary import level_of, numbers_that_count, with_numbers
 from jaxshroud.signals.amplitudes import check_resonance, check_vibration
-from jaxshroud.verbs.arguments import check_row
+from jaxshroud.verbs.arguments import check_row, resolve_options
 from jaxshroud.verbs.asked import MethodArgument
 from jaxshroud.verbs.lanes import RequestedLanes, results_of_all, warn_failed, with_tangents
-from jaxshroud.verbs.linear import default_state, in_state
-from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.orbit import cycles_of
+from jaxshroud.verbs.settled import default_state, in_state
 
 
 @typed

@@ -28,7 +28,7 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import T, typed
 from jaxshroud.scene.vary import level_of, value_of, with_numbers
 from jaxshroud.signals.amplitudes import check_resonance, check_vibration
-from jaxshroud.verbs.arguments import check_row, one_scene
+from jaxshroud.verbs.arguments import ResolvedOptions, check_row, one_scene, resolve_options
 from jaxshroud.verbs.asked import Asked, MarchPlan, MethodArgument
 from jaxshroud.verbs.attractors import attractors, row_motions
 from jaxshroud.verbs.check import check
@@ -42,7 +42,6 @@ from jaxshroud.verbs.design_problem import (
 )
 from jaxshroud.verbs.gradient import gradient
 from jaxshroud.verbs.gradient_ascent import verify_design
-from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.plan import plan_march
 from jaxshroud.verbs.power import power
 from jaxshroud.verbs.report_findings import DesignFindings, RowFindings

@@ -14,8 +14,7 @@ from jaxshroud.batch.held_contact import LinearState, is_linear
 from jaxshroud.batch.linear_runs import linear_amplitude_values
 from jaxshroud.batch.plan import Progress
 from jaxshroud.march.method_names import RESPONSES
-from jaxshroud.orbits.linear_peaks import AmplitudesAt, linear_peaks
-from jaxshroud.orbits.peaks import branch_peaks
+from jaxshroud.orbits.peaks import AmplitudesAt, branch_peaks, linear_peaks
 from jaxshroud.results.branch import Branch
 from jaxshroud.results.response import Member, Response
 from jaxshroud.results.sweep import SweepResult
@@ -30,11 +29,10 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of, vary, with_numbers
 from jaxshroud.signals.amplitudes import free_amplitudes
-from jaxshroud.verbs.arguments import check_row, one_scene
+from jaxshroud.verbs.arguments import check_row, one_scene, resolve_options
 from jaxshroud.verbs.asked import MethodArgument
 from jaxshroud.verbs.branch import BranchStart, continued, range_of
-from jaxshroud.verbs.linear import default_state, in_state
-from jaxshroud.verbs.options import resolve_options
+from jaxshroud.verbs.settled import default_state, in_state
 from jaxshroud.verbs.sweep import sweep
 
 FREE_VALUES, FREE_ZOOMS = 2001, 4  # values at which the free amplitude is looked at, and how often more closely

@@ -28,13 +28,12 @@ from jaxshroud.signals.amplitudes import check_vibration
 from jaxshroud.signals.averages import stiffnesses
 from jaxshroud.signals.period import CLOSING_ROUNDINGS
 from jaxshroud.signals.statistics import SobolIndices, saltelli_rows, variance_indices
-from jaxshroud.verbs.arguments import check_row, one_scene
+from jaxshroud.verbs.arguments import ResolvedOptions, check_row, one_scene, resolve_options
 from jaxshroud.verbs.asked import MethodArgument
 from jaxshroud.verbs.design_problem import check_bounds, check_condition, check_objective
-from jaxshroud.verbs.linear import default_state, in_state
-from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.plan import plan_march
 from jaxshroud.verbs.scattering import Spread, probability_values, scatter_bounds
+from jaxshroud.verbs.settled import default_state, in_state
 from jaxshroud.verbs.sweep import sweep
 
 QUANTILES = (0.05, 0.5, 0.95)  # of P_d

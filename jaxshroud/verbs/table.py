@@ -23,10 +23,9 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.signals.amplitudes import check_vibration
 from jaxshroud.signals.period import NOT_SETTLED, SETTLED
-from jaxshroud.verbs.arguments import check_row, one_scene
+from jaxshroud.verbs.arguments import check_row, one_scene, resolve_options
 from jaxshroud.verbs.asked import MethodArgument
-from jaxshroud.verbs.linear import default_state, in_state
-from jaxshroud.verbs.options import resolve_options
+from jaxshroud.verbs.settled import default_state, in_state
 from jaxshroud.verbs.sweep import sweep
 
 STABLE_WITHIN = 0.1  # half width at which P_d counts as known [percentage points]
