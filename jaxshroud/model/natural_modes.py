@@ -14,10 +14,17 @@ An engine order e meets a natural frequency where omega = e Omega, so that Omega
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Int
 
-from jaxshroud.model.coupling import CouplingMatrices, coupling_matrices, over_coordinates
+from jaxshroud.model.coupling import (
+    CouplingMatrices,
+    coupling_matrices,
+    over_coordinates,
+)
+from jaxshroud.model.geometry import Corners, contact_kinematics, face_kinematics, pose
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.drive import AnyLoad
 from jaxshroud.scene.layout import COORDINATES
@@ -62,6 +69,30 @@ class NaturalModes(NamedTuple):
     omega: FloatArray  # (n,) natural circular frequency [rad/s]
     zeta: FloatArray  # (n,) damping ratio, to first order in the damping
     shape: FloatArray  # (n, 3 N) normalised by the masses
+
+
+def contact_gradients(
+    case: int | Int[Array, ""], block: Corners, like: Array
+) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
+    """dv/dq and du/dq of the corner pair of `case`, q = (x_1, x_2, y_1, y_2, theta_1, theta_2) = 0."""
+
+    def v_and_u(q):
+        at = contact_kinematics(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), jnp.asarray(case), block, frozenset())
+        return jnp.stack([at.v, at.u])
+
+    v_q, u_q = jax.jacfwd(v_and_u)(jnp.zeros_like(like))
+    return v_q, u_q
+
+
+def point_gradients(block: Corners, like: Array) -> tuple[Float[Array, "points 6"], Float[Array, "points 6"]]:
+    """dv/dq and du/dq at each point of faces that touch at several, see `contact_gradients`."""
+
+    def v_and_u(q):
+        at = face_kinematics(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), block)
+        return jnp.stack([jnp.stack([point.v for point in at.points]), jnp.stack([point.u for point in at.points])])
+
+    v_q, u_q = jax.jacfwd(v_and_u)(jnp.zeros_like(like))
+    return v_q, u_q
 
 
 def linear_contact(scene: Scene, gradients: Any) -> LinearContact:

@@ -13,14 +13,15 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from jaxshroud.cache.programs import kept
-from jaxshroud.march.stability import contact_gradients, point_gradients
 from jaxshroud.model.geometry import corners
 from jaxshroud.model.natural_modes import (
     NaturalContact,
+    contact_gradients,
     contact_stiffness,
     drive_loads,
     free_directions,
     linear_contact,
+    point_gradients,
 )
 from jaxshroud.scene.scene import Scene
 
