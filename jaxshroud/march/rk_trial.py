@@ -38,12 +38,11 @@ from jaxshroud.march.event import (
 )
 from jaxshroud.march.events import evaluate_guards, place_contact
 from jaxshroud.march.locate import at_event, at_least_two, judge_trial, outcome_of_pair, select, select_guard
-from jaxshroud.march.log import new_accumulator, updated_accumulator
+from jaxshroud.march.log import AcceptedTrial, lane_after, mode_of_smooth_contact, new_accumulator, updated_accumulator
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Ending, Lift
 from jaxshroud.march.rk_step import NO_STAGES, Stages, StepEnd, rk_stages, rk_step, trial_interval
 from jaxshroud.march.search import Search, following_search, new_search
-from jaxshroud.march.trial import AcceptedTrial, lane_after, mode_of_smooth_contact
 from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, where, zeros_for
 from jaxshroud.model.contact_law import Slider
 from jaxshroud.model.drive import Waves, drive_waves

@@ -37,6 +37,9 @@ from jaxshroud.march.event import (
 from jaxshroud.march.events import FLAT_RETURN
 from jaxshroud.march.locate import LocationDecision, select
 from jaxshroud.march.log import (
+    AcceptedTrial,
+    lane_after,
+    mode_of_smooth_contact,
     new_row_log,
     penetrations,
     takers_of_events,
@@ -65,7 +68,6 @@ from jaxshroud.march.row_step import (
     row_step,
 )
 from jaxshroud.march.search import following_search, new_search
-from jaxshroud.march.trial import AcceptedTrial, lane_after, mode_of_smooth_contact
 from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, is_zero, zeros_for
 from jaxshroud.model.modes import FLAT, Status
 from jaxshroud.model.points_contact import interface_mode
