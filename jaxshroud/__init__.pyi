@@ -53,11 +53,9 @@ from .scene.grids import scenes_from as scenes_from
 from .scene.grids import stack_scenes as stack_scenes
 from .scene.keys import Motion as Motion
 from .scene.laws import DampedSpring as DampedSpring
-from .scene.laws import FrictionLaw as FrictionLaw
 from .scene.laws import Hertz as Hertz
 from .scene.laws import Laws as Laws
 from .scene.laws import LuGre as LuGre
-from .scene.laws import NormalLaw as NormalLaw
 from .scene.laws import RegularisedCoulomb as RegularisedCoulomb
 from .scene.layout import Parts as Parts
 from .scene.other_parts import with_contact_law as with_contact_law
