@@ -9,7 +9,6 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.batch.cubics import SampledAmplitudes
 from jaxshroud.batch.limits import CallPace
 from jaxshroud.batch.periods import CallLimits, Clock, Interim, first_passes, select_tree
 from jaxshroud.batch.plan import Tick
@@ -23,7 +22,7 @@ from jaxshroud.batch.rows import (
     updated_slider,
 )
 from jaxshroud.batch.sampling import SampleGrid, Stretch, sampled_in_calls
-from jaxshroud.batch.stretches import SampledLanes, march_in_stretches, values_by_name
+from jaxshroud.batch.stretches import SampledAmplitudes, SampledLanes, march_in_stretches, values_by_name
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.carry import EachLane, Fixed, Lane, TimeGrid, running
 from jaxshroud.march.method import Choices

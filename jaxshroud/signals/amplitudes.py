@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.batch.cubics import SampledAmplitudes
 from jaxshroud.batch.periods import LANES_PER_CALL, Sample
+from jaxshroud.batch.stretches import SampledAmplitudes
 from jaxshroud.batch.threads import in_chunks
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.cache.programs import kept
