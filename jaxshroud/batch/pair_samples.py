@@ -39,8 +39,8 @@ from jaxshroud.cache.programs import kept
 from jaxshroud.march.accumulator import Accumulator
 from jaxshroud.march.carry import EachLane, Fixed, Lane
 from jaxshroud.march.events import evaluate_guards
+from jaxshroud.march.forces_and_energy import energy_residual, total_energy
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observables import energy_residual, total_energy
 from jaxshroud.march.start import events_at_start, next_at_start
 from jaxshroud.march.stepper import DenseOutput, stepper_for
 from jaxshroud.model.arithmetic import Scalar, filled, sincos_turns

@@ -9,8 +9,8 @@ import numpy as np
 from jaxshroud.batch.equilibrium import ContactState
 from jaxshroud.batch.load_path import start_equilibria
 from jaxshroud.cache.programs import is_traced, kept
+from jaxshroud.march.forces_and_energy import ContactForces, contact_forces, stacked_point_forces
 from jaxshroud.march.log import is_of_blades
-from jaxshroud.march.observables import ContactForces, contact_forces, stacked_point_forces
 from jaxshroud.model.arithmetic import ZERO, filled, is_zero, sincos_turns
 from jaxshroud.model.blade import ElasticMotion
 from jaxshroud.model.drive import drive_waves

@@ -13,7 +13,7 @@ import numpy as np
 from jaxshroud.batch.sampling import EventStates, SampleGrid, Stretch, concatenated_events
 from jaxshroud.batch.states import final_states, shroud_motion
 from jaxshroud.march.accumulator import ContactTimes
-from jaxshroud.march.observables import ContactForces
+from jaxshroud.march.forces_and_energy import ContactForces
 from jaxshroud.model.arithmetic import ZERO, is_zero
 from jaxshroud.model.contact_law import ContactLoads
 from jaxshroud.model.modes import Mode

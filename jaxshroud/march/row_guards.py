@@ -21,6 +21,7 @@ from jaxshroud.march.event import (
     violated_guards,
 )
 from jaxshroud.march.events import BUILT_IN_EVENTS, guards_at, place_contact
+from jaxshroud.march.forces_and_energy import ContactForces, contact_forces_at
 from jaxshroud.march.locate import (
     LocationDecision,
     TrialOutcome,
@@ -32,7 +33,6 @@ from jaxshroud.march.locate import (
     select_guard,
 )
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observables import ContactForces, contact_forces_at
 from jaxshroud.march.search import Search, Target
 from jaxshroud.model.arithmetic import ZERO, Scalar, Zero, is_zero
 from jaxshroud.model.geometry import Kinematics

@@ -1,4 +1,4 @@
-"""What is observed of a state: the forces and the energy of contact, and the balance of energy."""
+"""The forces of contact in a state, the energy that is stored there, and the balance of energy."""
 
 from typing import Any, NamedTuple
 
