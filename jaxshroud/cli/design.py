@@ -27,11 +27,10 @@ from jaxshroud.results.scatter import SHARES, Report, Scatter
 from jaxshroud.results.tuned import Tuned
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import parse_key
-from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.quantities import is_reduction, unit_of
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
-from jaxshroud.signals.amplitudes import check_vibration
+from jaxshroud.signals.amplitudes import check_vibration, counted_reduction
 from jaxshroud.verbs.design_problem import check_comparable, design_corners, problem_of
 from jaxshroud.verbs.gradient_ascent import SearchOptions
 from jaxshroud.verbs.report import report_request, varied_by

@@ -24,9 +24,8 @@ from jaxshroud.orbits.bifurcation import grazing_margins
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import parse_key
-from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.quantities import Quantity, is_reduction, unit_of
-from jaxshroud.signals.amplitudes import check_resonance, check_vibration
+from jaxshroud.signals.amplitudes import check_resonance, check_vibration, counted_reduction
 from jaxshroud.signals.effects import Effect, with_interval
 from jaxshroud.verbs.gradient import differences
 

@@ -13,9 +13,9 @@ from jaxshroud.march.method import FOR_P_D
 from jaxshroud.march.method_names import LARGEST_FIRST
 from jaxshroud.results.base import ORIGIN
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import in_precision
+from jaxshroud.signals.amplitudes import counted_reduction
 from jaxshroud.verbs.arguments import resolve_options
 from jaxshroud.verbs.plan import plan_march
 from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE

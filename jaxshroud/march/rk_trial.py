@@ -15,8 +15,11 @@ from jaxshroud.march.carry import (
     Fixed,
     Lane,
     LaneTree,
+    Search,
     event_change,
+    following_search,
     is_finite,
+    new_search,
     running,
     status_of,
     turned_too_far,
@@ -42,7 +45,6 @@ from jaxshroud.march.log import AcceptedTrial, lane_after, mode_of_smooth_contac
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Ending, Lift
 from jaxshroud.march.rk_step import NO_STAGES, Stages, StepEnd, rk_stages, rk_step, trial_interval
-from jaxshroud.march.search import Search, following_search, new_search
 from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, where, zeros_for
 from jaxshroud.model.contact_law import Slider
 from jaxshroud.model.drive import Waves, drive_waves

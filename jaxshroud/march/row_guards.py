@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from jaxshroud.march.carry import Search, Target
 from jaxshroud.march.event import (
     Events,
     GuardEvaluation,
@@ -33,7 +34,6 @@ from jaxshroud.march.locate import (
     select_guard,
 )
 from jaxshroud.march.method import Choices
-from jaxshroud.march.search import Search, Target
 from jaxshroud.model.arithmetic import ZERO, Scalar, Zero, is_zero
 from jaxshroud.model.geometry import Kinematics
 from jaxshroud.model.interface import EndTorques, law_forces, torques_along_face

@@ -21,6 +21,8 @@ from jaxshroud.march.carry import (
     Lane,
     TimeGrid,
     change_at,
+    following_search,
+    new_search,
     running,
     status_of,
     updated_margins,
@@ -67,7 +69,6 @@ from jaxshroud.march.row_step import (
     one_after_the_other,
     row_step,
 )
-from jaxshroud.march.search import following_search, new_search
 from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, is_zero, zeros_for
 from jaxshroud.model.modes import FLAT, Status
 from jaxshroud.model.points_contact import interface_mode

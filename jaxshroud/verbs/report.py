@@ -22,12 +22,11 @@ from jaxshroud.scene.checks import InputError, NumericalError, count_argument, s
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.layout import PAIR, SINGLE_DIRECTIONS
-from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.quantities import RequiredReduction, check_quantity
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import T, typed
 from jaxshroud.scene.vary import level_of, value_of, with_numbers
-from jaxshroud.signals.amplitudes import check_resonance, check_vibration
+from jaxshroud.signals.amplitudes import check_resonance, check_vibration, counted_reduction
 from jaxshroud.verbs.arguments import ResolvedOptions, check_row, one_scene, resolve_options
 from jaxshroud.verbs.asked import Asked, MarchPlan, MethodArgument
 from jaxshroud.verbs.attractors import attractors, row_motions

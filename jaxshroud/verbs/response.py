@@ -23,12 +23,11 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.keys import find_key
 from jaxshroud.scene.layout import Layout
-from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.quantities import DISPLACEMENTS, counted_amplitude
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of, vary, with_numbers
-from jaxshroud.signals.amplitudes import free_amplitudes
+from jaxshroud.signals.amplitudes import counted_reduction, free_amplitudes
 from jaxshroud.verbs.arguments import check_row, one_scene, resolve_options
 from jaxshroud.verbs.asked import MethodArgument
 from jaxshroud.verbs.branch import BranchStart, continued, range_of

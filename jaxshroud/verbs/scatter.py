@@ -19,12 +19,11 @@ from jaxshroud.scene.checks import InputError, Precision, count_argument, seed_a
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.layout import Layout
-from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.quantities import Quantity, amplitude_of, check_only_P_d, counted_amplitude, is_reduction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of, with_numbers
-from jaxshroud.signals.amplitudes import check_vibration
+from jaxshroud.signals.amplitudes import check_vibration, counted_reduction
 from jaxshroud.signals.averages import stiffnesses
 from jaxshroud.signals.period import CLOSING_ROUNDINGS
 from jaxshroud.signals.statistics import SobolIndices, saltelli_rows, variance_indices

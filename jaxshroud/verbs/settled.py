@@ -22,9 +22,9 @@ from jaxshroud.scene.checks import InputError, word_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import SPRUNG
 from jaxshroud.scene.other_parts import with_parts
-from jaxshroud.scene.preload import is_preloaded
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.sector import sector_ring
+from jaxshroud.signals.amplitudes import is_preloaded
 from jaxshroud.verbs.arguments import flatten_lanes, leading_axes
 from jaxshroud.verbs.asked import Asked, MethodArgument
 

@@ -18,10 +18,9 @@ from jaxshroud.scene.checks import InputError, SceneError, did_you_mean
 from jaxshroud.scene.designs import Designs, read_designs
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import Layout, require_capability
-from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
-from jaxshroud.signals.amplitudes import check_vibration
+from jaxshroud.signals.amplitudes import check_vibration, counted_reduction
 from jaxshroud.signals.period import NOT_SETTLED, SETTLED
 from jaxshroud.verbs.arguments import check_row, one_scene, resolve_options
 from jaxshroud.verbs.asked import MethodArgument

@@ -18,11 +18,11 @@ from jaxshroud.results.tuned import DesignJudgement, Tuned
 from jaxshroud.scene.checks import InputError, NumericalError, seed_argument
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.quantities import Quantity, amplitude_of, check_only_P_d
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import text_of
 from jaxshroud.scene.typed import typed
+from jaxshroud.signals.amplitudes import counted_reduction
 from jaxshroud.verbs.arguments import check_row, one_scene, resolve_options
 from jaxshroud.verbs.asked import MarchPlan, MethodArgument
 from jaxshroud.verbs.design_problem import (
