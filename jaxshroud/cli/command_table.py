@@ -193,7 +193,7 @@ COMMANDS = {
         ),
         arguments=("n_periods", "transient", "of", "sigma", "pairs", "seed"),
         unit="periods",
-        module="gradient",
+        module="numbers",
     ),
     "tune": Command(
         "Find the numbers of a scene that reduce the vibration most.",
@@ -248,7 +248,7 @@ COMMANDS = {
         arguments=("scan", "starts", "most_periods", "seed"),
         files=("fit.nc", "fit.png", "summary.json", "best.toml"),
         unit="evaluations",
-        module="fit",
+        module="numbers",
     ),
     "scatter": Command(
         "How P_d scatters where numbers of a scene do, with the probability of a wanted P_d and Sobol indices.",
