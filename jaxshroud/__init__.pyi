@@ -11,10 +11,10 @@ from .march.method import Taylor as Taylor
 from .march.stability import largest_frequency as largest_frequency
 from .march.tableau import Tableau as Tableau
 from .march.tableau import tableau as tableau
-from .model.lawcheck import check_laws as check_laws
 from .model.modes import Mode as Mode
 from .model.modes import Status as Status
 from .model.prepared import State as State
+from .model.user_contact import check_laws as check_laws
 from .results.attractors import Attractors as Attractors
 from .results.attractors import Basins as Basins
 from .results.base import Result as Result
