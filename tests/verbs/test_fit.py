@@ -10,8 +10,7 @@ from jaxshroud.cli import commands as cli
 from jaxshroud.io.measurements import measurements_from
 from jaxshroud.scene.scene import without_given
 from jaxshroud.verbs.arguments import resolve_options
-from jaxshroud.verbs.fit import fit_problem
-from jaxshroud.verbs.fit_model import HistoryModel, ResponseModel
+from jaxshroud.verbs.fit import HistoryModel, ResponseModel, fit_problem
 from jaxshroud.verbs.lanes import with_tangents
 
 STEPS = 200
