@@ -126,7 +126,7 @@ COMMANDS = {
             shared_option("--out", help="ranked table; or .nc", metavar="FILE.csv"),
         ),
         arguments=("n_periods", "transient", "by"),
-        module="table",
+        module="design",
     ),
     "diagnose": Command(
         "Say what kind of motion a scene settles on, and why, on one page.",
@@ -266,7 +266,7 @@ COMMANDS = {
         ),
         arguments=("n_periods", "transient", "of", "at_least", "draws", "seed"),
         files=("scatter.nc", "scatter.png", "summary.json"),
-        module="design",
+        module="numbers",
     ),
     "report": Command(
         "All that is known of a design, with a verdict, as one HTML or PDF document.",
