@@ -15,8 +15,8 @@ from jaxshroud.march.tableau import RK4
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import Amplitudes, free_reach, steady_amplitudes
+from jaxshroud.model.linear_systems import touching_gradients
 from jaxshroud.model.natural_modes import LinearContact, drive_loads, linear_contact
-from jaxshroud.orbits.linear_response import touching_gradients
 from jaxshroud.results.data_sheet import Coordinate, DataSheet, FlowMode, NaturalMode, crossings_between
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.file import SceneFile
