@@ -18,14 +18,13 @@ from jaxshroud.march.locate import select
 from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Beginning, BladeTrial, InterfaceTrial, Lift, Observable, Per
-from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, where, zeros_for
+from jaxshroud.model.arithmetic import ZERO, Scalar, both_sides, is_zero, where, zeros_for
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State, touches_at_corners
 from jaxshroud.model.rhs import Integrals, rhs
 from jaxshroud.model.row import Each, OfInterfaces, RowModel, over, pair_states
-from jaxshroud.model.sides import both_sides
 from jaxshroud.scene.keys import Motion
 
 
