@@ -24,6 +24,8 @@ from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.quantities import DISPLACEMENTS
 from jaxshroud.scene.scene import Scene
 
+SAMPLES_AT_ONCE = 1 << 12  # of each lane, in NumPy's temporary arrays
+
 
 def cubic_mean(q: Any, rate: Any, h: Any) -> Any:
     """The mean over time of the cubics through samples (lanes, n, ...) and their rates at intervals `h`."""
@@ -46,9 +48,6 @@ def hermite_largest(q: Any, slope: Any) -> Any:
         s = m_0 / (like.sqrt(b * b - 3 * m_0 * c) - b)
     top = g_0 + s * (m_0 + s * (b + s * c))
     return like.maximum(q.max(axis=1), like.where((s > 0) & (s < 1), top, -np.inf).max(axis=1))
-
-
-SAMPLES_AT_ONCE = 1 << 12  # of each lane, in NumPy's temporary arrays
 
 
 class SampledAmplitudes(NamedTuple):

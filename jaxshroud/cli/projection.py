@@ -25,6 +25,11 @@ PROJECTED_PERIODS = 16  # of the transient, and of the kept part, of the sampled
 MAX_SAMPLED_CHUNKS = 16  # that are timed
 TRIAL_SECONDS = 10.0  # after which a trial ends wherever it is: of rows a single period may take longer
 TRIAL_SHARE = 0.1  # of a run, after which its trial ends as well
+LONG_RUN_STEPS = 10**9  # steps of all lanes together, which take minutes
+LONG_ROW_STEPS = 2 * 10**8  # of single blades of rows, which take a minute
+EVENT_STEPS = 10**4  # of a row for the events of each of its blades in a period where blocks turn, and faces chatter
+LANES_PER_LONE_LANE = 16  # a lane that runs alone takes as long as this many lanes of a chunk
+GIB = 2**30  # bytes
 
 
 class _EnoughError(Exception):
@@ -79,13 +84,6 @@ def _processor_seconds(
     with suppress(_EnoughError):
         run_lanes(lanes, initial_states(lanes), plan, tick)
     return process_time() - began
-
-
-LONG_RUN_STEPS = 10**9  # steps of all lanes together, which take minutes
-LONG_ROW_STEPS = 2 * 10**8  # of single blades of rows, which take a minute
-EVENT_STEPS = 10**4  # of a row for the events of each of its blades in a period where blocks turn, and faces chatter
-LANES_PER_LONE_LANE = 16  # a lane that runs alone takes as long as this many lanes of a chunk
-GIB = 2**30  # bytes
 
 
 def print_projection(

@@ -34,6 +34,8 @@ from jaxshroud.scene.typed import FloatArray
 # How the blocks touch: not at all; face on face with the normal spring alone, or with both; corner at corner with both.
 NaturalContact = Literal["apart", "sliding", "stuck", "corner"]
 TINY = float(np.finfo(float).tiny)  # a square that rounding made negative, or a drive without force
+POINTS_OF_RANGE = 65  # speeds at which it is looked whether faces are pressed together
+HALVINGS = 60
 
 
 class LinearContact(NamedTuple):
@@ -295,10 +297,6 @@ def static_normal_forces(blades: LinearContact, growth: Growth, by: Pressing, sq
     loads = by.mean * blades.moves + v_q.T @ (k * wedge)
     q = free @ np.linalg.solve(free.T @ stiffness @ free, free.T @ loads)
     return k * (v_q @ q - wedge)
-
-
-POINTS_OF_RANGE = 65  # speeds at which it is looked whether faces are pressed together
-HALVINGS = 60
 
 
 def pressed_ranges(

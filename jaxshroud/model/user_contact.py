@@ -22,6 +22,12 @@ from jaxshroud.scene.layout import require_capability
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 
+CYCLE_POINTS = 4000  # of a cycle through which a law is taken
+POWER_ROUNDING = 1e-9  # of the largest power, or energy, in a cycle
+FREQUENCIES = (1.0, 100.0)  # of cycles of the penetration, over that of the drive
+SLIDES = (1e-3, 1e-1, 1.0, 1e1, 1e3)  # of speeds of sliding, over that at which a block slides to and fro by the gap
+Samples = Float[Array, " points"]
+
 
 class UserContact(ContactLaw):
     """User laws of contact and friction, and the largest stiffnesses that their user states for them."""
@@ -105,13 +111,6 @@ class UserContact(ContactLaw):
             return ZERO
         in_contact = (crossing.mode != Mode.APART) & (mode != Mode.APART)
         return where(in_contact, crossing.u_s, self.laws.z)
-
-
-CYCLE_POINTS = 4000  # of a cycle through which a law is taken
-POWER_ROUNDING = 1e-9  # of the largest power, or energy, in a cycle
-FREQUENCIES = (1.0, 100.0)  # of cycles of the penetration, over that of the drive
-SLIDES = (1e-3, 1e-1, 1.0, 1e1, 1e3)  # of speeds of sliding, over that at which a block slides to and fro by the gap
-Samples = Float[Array, " points"]
 
 
 class LawCycle(NamedTuple):

@@ -15,6 +15,7 @@ MEAN, RMS = "mean of {}", "root mean square of {} about its mean"
 PEAK = "amplitude of {}: its largest distance from its mean, between steps too"
 FREE = "amplitude of {} without contact, closed form"
 EACH = ("interface",)
+AT_POINTS = ("interface", "point")  # the dimensions of what is told of each point
 
 
 class WithAmplitudes:
@@ -80,9 +81,6 @@ def largest_of_lanes(ok: np.ndarray, quantities: Mapping[str, np.ndarray | None]
         return np.reshape(ok, np.shape(ok) + (1,) * (np.ndim(a) - np.ndim(ok)))
 
     return {name: float(np.max(a, where=counted(a), initial=0.0)) for name, a in quantities.items() if a is not None}
-
-
-AT_POINTS = ("interface", "point")  # the dimensions of what is told of each point
 
 
 def contact_values(state: "State", prefix: str = "") -> dict[str, Any]:

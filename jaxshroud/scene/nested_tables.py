@@ -15,6 +15,8 @@ from jaxshroud.scene.point_numbers import with_listed_places
 from jaxshroud.scene.speed import depends_on_speed, keys_in
 
 FileDocument = dict[str, Any]
+COEFFICIENTS = ("L0", "L1", "L_1")  # written as [real, imaginary] in a file
+AN_EXAMPLE = 'e.g. L1 = ["-500 N/m", "-2e3 N/m"]'
 
 
 def flattened(document: FileDocument, where: str) -> FileDocument:
@@ -110,10 +112,6 @@ def _multiple(order: int, base: Any, i: int, where: str) -> int:
             "leave drive.engine_order out, or give a divisor of all",
         )
     return int(multiple)
-
-
-COEFFICIENTS = ("L0", "L1", "L_1")  # written as [real, imaginary] in a file
-AN_EXAMPLE = 'e.g. L1 = ["-500 N/m", "-2e3 N/m"]'
 
 
 def with_own_tables(document: dict[str, Any], where: str) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import POINT_ENTRY
 
 MIN_POINTS, MAX_POINTS = 2, 16
+PLACES_IN_A_LIST = 'points = ["-17.5 mm", "17.5 mm"] with shares = [0.5, 0.5]'  # an example
 
 
 def evenly_spaced(number: Any) -> NDArray[np.float64]:
@@ -75,9 +76,6 @@ def check_points(points: Any, shares: Any, l_ab: float) -> None:
     check_shares(found, len(points) if np.ndim(points) else points)
     if np.ndim(points):
         check_places(points, l_ab)
-
-
-PLACES_IN_A_LIST = 'points = ["-17.5 mm", "17.5 mm"] with shares = [0.5, 0.5]'  # an example
 
 
 def place_entry(m: int) -> str:

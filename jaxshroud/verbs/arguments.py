@@ -31,6 +31,9 @@ from jaxshroud.scene.typed import Tree
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.asked import Asked, MethodArgument, accuracy_level, choice_without_trial, is_tried
 
+N_PERIODS = 64  # kept periods, unless the argument or the scene file says otherwise
+LaneVariable = tuple[tuple[str, ...], np.ndarray, dict[str, str]]  # dimensions, values, attributes
+
 
 def check_verb(verb: str, scene: Scene | SceneFile) -> None:
     """Raise an InputError if the scene has a row of blades, or a pair, which a verb does not know."""
@@ -137,10 +140,6 @@ def in_shape(values: Any, shape: tuple[int, ...]) -> Any:
     if isinstance(values, dict):
         return {name: in_shape(value, shape) for name, value in values.items()}  # jax.tree would sort them
     return jax.tree.map(lambda a: np.asarray(a).reshape((*shape, *np.shape(a)[1:])), values)
-
-
-N_PERIODS = 64  # kept periods, unless the argument or the scene file says otherwise
-LaneVariable = tuple[tuple[str, ...], np.ndarray, dict[str, str]]  # dimensions, values, attributes
 
 
 class ResolvedOptions(NamedTuple):

@@ -24,6 +24,7 @@ from jaxshroud.scene.typed import FloatArray
 RAD_PER_CYCLE = 2 * np.pi
 ONE_BLADE = 0.95  # share of a mode's kinetic energy in one blade, beyond which it is a mode of that blade
 ALIKE = 1e-9  # relative difference below which the frequencies of both blades are one
+SAME_ENTRY = 1e-12  # relative difference of the entries of matrices that count as alike
 
 
 class ModeWords(NamedTuple):
@@ -168,9 +169,6 @@ WORDS_OF_PAIRS = ModeWords(_blades_in_words, _told_once)
 
 def _words_of_row(closed: bool) -> ModeWords:
     return ModeWords(partial(_waves_in_words, closed=closed), _waves_told_once)
-
-
-SAME_ENTRY = 1e-12  # relative difference of the entries of matrices that count as alike
 
 
 class Oscillators(NamedTuple):
