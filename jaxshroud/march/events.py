@@ -58,11 +58,10 @@ from jaxshroud.model.geometry import (
     pose,
     tip_is_left,
 )
-from jaxshroud.model.interface import EndTorques
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State, has_torsion, touches_at_corners
-from jaxshroud.model.rhs import end_torques, parallel_mean, stored_energy
+from jaxshroud.model.rhs import EndTorques, end_torques, parallel_mean, stored_energy
 from jaxshroud.scene.keys import Motion
 
 FLAT_RETURN = 1 / 24  # of a step: a rocking motion that returns sooner than this counts as flat contact

@@ -13,11 +13,10 @@ from jaxshroud.model.arithmetic import ZERO, Scalar, blended, is_zero, summed, w
 from jaxshroud.model.contact_law import Slider, SummedForces
 from jaxshroud.model.drive import Waves
 from jaxshroud.model.geometry import Case, FaceKinematics, Kinematics, Pose, is_upper, tip_is_left
-from jaxshroud.model.interface import EndTorques, law_forces
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.points_contact import interface_mode, points_last
 from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.model.rhs import Ledger, end_torques, stored_energy
+from jaxshroud.model.rhs import EndTorques, Ledger, end_torques, law_forces, stored_energy
 
 
 class ContactForces(NamedTuple):

@@ -36,9 +36,8 @@ from jaxshroud.march.locate import (
 from jaxshroud.march.method import Choices
 from jaxshroud.model.arithmetic import ZERO, Scalar, Zero, is_zero
 from jaxshroud.model.geometry import Kinematics
-from jaxshroud.model.interface import EndTorques, law_forces, torques_along_face
 from jaxshroud.model.prepared import Model, State
-from jaxshroud.model.rhs import Recorded
+from jaxshroud.model.rhs import EndTorques, Recorded, law_forces, torques_along_face
 from jaxshroud.model.row import (
     Each,
     OfInterfaces,

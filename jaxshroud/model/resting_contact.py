@@ -10,8 +10,8 @@ from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.contact_law import SummedForces
 from jaxshroud.model.coupling import static_coupling
 from jaxshroud.model.geometry import FaceKinematics, contact_kinematics, natural_case, pose
-from jaxshroud.model.interface import loaded_contact, torques_along_face
 from jaxshroud.model.prepared import Model, State, has_torsion, prepared_model, touches_at_corners
+from jaxshroud.model.rhs import loaded_contact, torques_along_face
 from jaxshroud.model.row import pair_at
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import COORDINATES

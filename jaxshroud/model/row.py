@@ -37,7 +37,6 @@ from jaxshroud.model.coupling import (
 )
 from jaxshroud.model.drive import Excitation, excitation
 from jaxshroud.model.geometry import rotation
-from jaxshroud.model.interface import placement
 from jaxshroud.model.linear import StaticPosition, static_position
 from jaxshroud.model.modes import FLAT
 from jaxshroud.model.prepared import Model, State, prepared_model
@@ -52,6 +51,7 @@ from jaxshroud.model.rhs import (
     blade_mean_square,
     blade_works,
     contact_effects,
+    placement,
     position_at,
 )
 from jaxshroud.scene.keys import Motion
