@@ -11,10 +11,10 @@ from .march.method import Taylor as Taylor
 from .march.stability import largest_frequency as largest_frequency
 from .march.tableau import Tableau as Tableau
 from .march.tableau import tableau as tableau
-from .model.lawcheck import check_laws as check_laws
 from .model.modes import Mode as Mode
 from .model.modes import Status as Status
 from .model.prepared import State as State
+from .model.user_contact import check_laws as check_laws
 from .results.attractors import Attractors as Attractors
 from .results.attractors import Basins as Basins
 from .results.base import Result as Result
@@ -38,10 +38,6 @@ from .results.trade import Trade as Trade
 from .results.trajectory import Trajectory as Trajectory
 from .results.tuned import Tuned as Tuned
 from .scene.blades import Blades as Blades
-from .scene.builtin_laws import DampedSpring as DampedSpring
-from .scene.builtin_laws import Hertz as Hertz
-from .scene.builtin_laws import LuGre as LuGre
-from .scene.builtin_laws import RegularisedCoulomb as RegularisedCoulomb
 from .scene.checks import Error as Error
 from .scene.checks import InputError as InputError
 from .scene.checks import KeyNameError as KeyNameError
@@ -56,9 +52,11 @@ from .scene.file import SceneFile as SceneFile
 from .scene.grids import scenes_from as scenes_from
 from .scene.grids import stack_scenes as stack_scenes
 from .scene.keys import Motion as Motion
-from .scene.laws import FrictionLaw as FrictionLaw
+from .scene.laws import DampedSpring as DampedSpring
+from .scene.laws import Hertz as Hertz
 from .scene.laws import Laws as Laws
-from .scene.laws import NormalLaw as NormalLaw
+from .scene.laws import LuGre as LuGre
+from .scene.laws import RegularisedCoulomb as RegularisedCoulomb
 from .scene.layout import Parts as Parts
 from .scene.other_parts import with_contact_law as with_contact_law
 from .scene.other_parts import with_laws as with_laws

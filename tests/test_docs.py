@@ -21,7 +21,7 @@ from jaxshroud.cli import commands as cli
 from jaxshroud.cli.command_table import COMMANDS
 from jaxshroud.cli.commands import join_negative_values, parser
 from jaxshroud.scene.config import load
-from jaxshroud.verbs import asked, options, stored, trade
+from jaxshroud.verbs import arguments, asked, stored, trade
 from jaxshroud.verbs.tune import tune
 
 ROOT = Path(__file__).parent.parent
@@ -124,7 +124,7 @@ def small(monkeypatch, tmp_path):
     (tmp_path / "measured.csv").write_text(MEASURED, "utf-8")
     (tmp_path / "designs.csv").write_text(*blocks(DOCS / "verbs" / "table.md", "csv"))
     monkeypatch.setattr(trade, "SETTINGS", {contact: ways[:2] for contact, ways in trade.SETTINGS.items()})
-    monkeypatch.setattr(options, "N_PERIODS", 4)
+    monkeypatch.setattr(arguments, "N_PERIODS", 4)
     monkeypatch.setattr(asked.Asked, "says_nothing", False)  # RK4, whose programs other tests compile too
     monkeypatch.setattr(js, "tune", partial(tune, search=js.SearchOptions(4, 1, 1)), raising=False)
     monkeypatch.setattr(stored, "MIN_BLOCK_LANES", 64)

@@ -8,7 +8,7 @@ from jaxshroud import Status, load, scenes_from, shipped, simulate
 from jaxshroud.march.method import FAST, RungeKutta
 from jaxshroud.march.stability import ACCURACY_LIMIT, largest_frequency
 from jaxshroud.scene.layout import PAIR
-from jaxshroud.verbs.options import resolve_options
+from jaxshroud.verbs.arguments import resolve_options
 from jaxshroud.verbs.plan import plan_march
 
 pytestmark = pytest.mark.full

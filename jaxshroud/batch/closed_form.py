@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from jaxshroud.batch.cubics import RunningAmplitudes, SampledAmplitudes
 from jaxshroud.batch.limits import check_memory
 from jaxshroud.batch.march_protocol import March
 from jaxshroud.batch.operation_count import TrialSize
@@ -18,7 +17,7 @@ from jaxshroud.batch.periods import Sample, begin_lanes
 from jaxshroud.batch.plan import Plan, Runs, Tick, run_log
 from jaxshroud.batch.sampling import MAX_UNKEPT, SAMPLES_PER_BLOCK, SampleGrid
 from jaxshroud.batch.states import carried_state
-from jaxshroud.batch.stretches import Trajectories
+from jaxshroud.batch.stretches import RunningAmplitudes, SampledAmplitudes, Trajectories
 from jaxshroud.cache.programs import kept
 from jaxshroud.march.accumulator import ContactPeaks, ContactTimes, Counters, DisplacementRange, Impacts
 from jaxshroud.march.method import Choices

@@ -32,16 +32,15 @@ from jaxshroud.batch.sampling import (
     sampled_state,
     with_slider_updated,
 )
-from jaxshroud.batch.states import carried_state, sampled_contact_forces
+from jaxshroud.batch.states import carried_state, events_at_start, next_at_start, sampled_contact_forces
 from jaxshroud.batch.stretches import EnergyBalance, SampledLanes, march_in_stretches, values_by_name
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.cache.programs import kept
 from jaxshroud.march.accumulator import Accumulator
 from jaxshroud.march.carry import EachLane, Fixed, Lane
 from jaxshroud.march.events import evaluate_guards
+from jaxshroud.march.forces_and_energy import energy_residual, total_energy
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observables import energy_residual, total_energy
-from jaxshroud.march.start import events_at_start, next_at_start
 from jaxshroud.march.stepper import DenseOutput, stepper_for
 from jaxshroud.model.arithmetic import Scalar, filled, sincos_turns
 from jaxshroud.model.drive import drive_waves

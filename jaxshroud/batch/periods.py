@@ -14,9 +14,9 @@ from jaxshroud.batch.states import by_blade, by_blade_or_interface, by_interface
 from jaxshroud.batch.xla import compiled, repeated_while, stage_groups
 from jaxshroud.march.accumulator import Accumulator, Log, left_position_at, mean_position
 from jaxshroud.march.carry import EachLane, Lane, LaneTree, TimeGrid, running, time_grid
+from jaxshroud.march.forces_and_energy import energy_residual, is_unbalanced, total_energy
 from jaxshroud.march.log import log_of_new_period
 from jaxshroud.march.method import FLAT_RETURN, Choices
-from jaxshroud.march.observables import energy_residual, is_unbalanced, total_energy
 from jaxshroud.march.stepper import StageGroups, alone, begin_lane, stepper_for
 from jaxshroud.model.arithmetic import filled, traced_once
 from jaxshroud.model.modes import Status

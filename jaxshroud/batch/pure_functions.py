@@ -31,10 +31,10 @@ from jaxshroud.batch.states import as_arrays, carried_state
 from jaxshroud.batch.stopped import Admitted, lost_tangents, replaced_where
 from jaxshroud.batch.xla import best_mapping, compiled, one_lane
 from jaxshroud.march.accumulator import EventMargins
+from jaxshroud.march.forces_and_energy import contact_forces
 from jaxshroud.march.locate import values_only
 from jaxshroud.march.log import accumulator_of_new_period
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observables import contact_forces
 from jaxshroud.model.arithmetic import Scalar, filled, sincos_turns
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import Status

@@ -9,7 +9,6 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.batch.cubics import SampledAmplitudes
 from jaxshroud.batch.limits import CallPace
 from jaxshroud.batch.periods import CallLimits, Clock, Interim, first_passes, select_tree
 from jaxshroud.batch.plan import Tick
@@ -23,13 +22,13 @@ from jaxshroud.batch.rows import (
     updated_slider,
 )
 from jaxshroud.batch.sampling import SampleGrid, Stretch, sampled_in_calls
-from jaxshroud.batch.stretches import SampledLanes, march_in_stretches, values_by_name
+from jaxshroud.batch.states import events_at_start, next_at_start
+from jaxshroud.batch.stretches import SampledAmplitudes, SampledLanes, march_in_stretches, values_by_name
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.carry import EachLane, Fixed, Lane, TimeGrid, running
+from jaxshroud.march.forces_and_energy import ContactForces, stacked_point_forces
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observables import ContactForces, stacked_point_forces
 from jaxshroud.march.row_guards import interface_view, row_contact_forces, row_torques
-from jaxshroud.march.start import events_at_start, next_at_start
 from jaxshroud.model.arithmetic import ZERO, filled, sincos_turns
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.points_contact import by_point, interface_mode

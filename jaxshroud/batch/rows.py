@@ -25,9 +25,9 @@ from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.accumulator import Accumulator, EnergyJumps, mean_position
 from jaxshroud.march.carry import EachLane, Fixed, Lane, PerLane, time_grid
 from jaxshroud.march.events import place_contact
+from jaxshroud.march.forces_and_energy import contact_spring_energy, energy_residual, slider_position
 from jaxshroud.march.log import accumulator_of_new_period
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observables import contact_spring_energy, energy_residual, slider_position
 from jaxshroud.march.row_trial import begin_row, row_trial
 from jaxshroud.model.arithmetic import ZERO, filled, is_zero
 from jaxshroud.model.modes import FLAT, Status

@@ -1,7 +1,14 @@
-"""Many lanes over many periods by the march of their scenes: all at once, along an axis, or with trajectories."""
+"""Many lanes over many periods by the march of their scenes: all at once, along an axis, or with trajectories.
 
-from dataclasses import dataclass
+Where scenes ask for it, rings are marched by their sector: a smaller ring in their place, whose results are told as
+those of the whole one. It stays in motions that repeat from sector to sector. Whatever does not start so is marched
+whole, and so are tangents, by which stability is told.
+"""
 
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import equinox as eqx
 import jax
 import numpy as np
 
@@ -10,7 +17,6 @@ from jaxshroud.batch.marches import march_of, require_march
 from jaxshroud.batch.periods import lanes_per_call
 from jaxshroud.batch.plan import Plan, Runs, Tick, Ticker, completed_runs
 from jaxshroud.batch.sampling import SampleGrid
-from jaxshroud.batch.sector import folded, unfolded_runs, unfolded_trajectories
 from jaxshroud.batch.states import final_states, initial_states
 from jaxshroud.batch.stepped_runs import chunk_by_chunk, select_lanes
 from jaxshroud.batch.stretches import Trajectories
@@ -22,6 +28,12 @@ from jaxshroud.model.prepared import State
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import Direction
 from jaxshroud.scene.scene import Scene, without_given
+from jaxshroud.scene.sector import asks_for_sector, sector_blades, smaller_ring, whole_ring
+from jaxshroud.scene.typed import Tree
+
+SAME_STATE = 1e-12  # of the largest number of its kind: by which states of equal blades may differ
+TOTALS_OF_PERIODS = ("work", "gross", "viscous", "dropped", "residual")  # of a `Sample`, summed over the row
+TOTALS_OF_RUNS = ("work_drive", "loss_viscous")  # of the energies of `Trajectories`
 
 
 def stepping_method(scene: Scene, method: Choices) -> Tableau | TaylorOptions | None:
@@ -157,3 +169,76 @@ def continued_runs(
         arrived = run.last.status == Status.OK  # a lane that has stopped starts afresh
         relay.state, relay.arrived = select_lanes(arrived, final_states(run.last.state), fresh), arrived
     return concatenate(runs)
+
+
+class Folded(NamedTuple):
+    """Lanes (leading axis) as they are marched."""
+
+    scenes: Scene
+    states: State
+    copies: int  # of their rings that make the ring of the scenes; 1: it is whole
+
+
+def folded(scenes: Scene, states: State) -> Folded:
+    """Lanes (leading axis) as they are marched: by their sector, where that is asked for and the states repeat so."""
+    if not asks_for_sector(scenes):
+        return Folded(scenes, states, 1)
+    if is_linear(scenes):  # closed forms are folded themselves
+        return Folded(scenes, states, 1)
+    blades, n = scenes.layout.blades, sector_blades(scenes)
+    if n == blades or not _repeat_after(n, states):
+        return Folded(whole_ring(scenes), states, 1)
+    return Folded(smaller_ring(scenes, n), jax.tree.map(lambda a: a[:, :n], states), blades // n)
+
+
+def _repeat_after(blades: int, states: State) -> bool:
+    """Whether states, whose second axis is that of blades or interfaces, repeat after so many of them."""
+
+    def repeats(a):
+        real = np.asarray(a, float)
+        return np.all(np.abs(np.roll(real, -blades, axis=1) - real) <= SAME_STATE * np.max(np.abs(real), initial=0.0))
+
+    return all(map(repeats, jax.tree.leaves(states)))
+
+
+def unfolded_runs(runs: Runs, copies: int) -> Runs:
+    """The runs of so many copies of a ring as one."""
+    if copies == 1:
+        return runs
+    samples, log = _tiled(runs.samples, copies, 2), (_tiled(part, copies, 1) for part in (runs.before, runs.log))
+    totals = {name: getattr(samples, name) for name in TOTALS_OF_PERIODS}
+    samples = samples._replace(**{name: None if a is None else copies * a for name, a in totals.items()})
+    before, after = log
+    return replace(runs, samples=samples, before=before, log=after, last=_unfolded_lanes(runs.last, copies))
+
+
+def unfolded_trajectories(found: Trajectories, copies: int) -> Trajectories:
+    """The trajectories of so many copies of a ring as one."""
+    if copies == 1:
+        return found
+    energy = _tiled(found.energy, copies, 1)
+    return found._replace(
+        samples=_tiled(found.samples, copies, 2),
+        amplitudes=_tiled(found.amplitudes, copies, 1),
+        counters=_tiled(found.counters, copies, 1),
+        energy=energy | {name: copies * energy[name] for name in TOTALS_OF_RUNS if name in energy},
+        loads=_tiled(found.loads, copies, 1),
+        times=_tiled(found.times, copies, 1),
+        last=_unfolded_lanes(found.last, copies),
+    )
+
+
+def _unfolded_lanes(lanes: Any, copies: int) -> Any:
+    """The lanes at the end of a march, as compiled loops carry them: blades and interfaces are their last axis."""
+    tiled = _tiled(lanes, copies, -1)
+    return eqx.tree_at(lambda lane: lane.accumulator.jumps.dropped, tiled, copies * lanes.accumulator.jumps.dropped)
+
+
+def _tiled(tree: Tree, copies: int, axis: int) -> Tree:
+    """A tree of arrays with that axis repeated; those without it, of whole rings, stay as they are."""
+    least = axis + 1 if axis > 0 else 2
+
+    def tiled(a):
+        return a if np.ndim(a) < least else np.concatenate([a] * copies, axis=axis)
+
+    return jax.tree.map(tiled, tree)

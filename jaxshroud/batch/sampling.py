@@ -18,8 +18,8 @@ from jaxshroud.batch.states import as_arrays, with_zeros
 from jaxshroud.batch.xla import best_mapping, compiled, stage_groups
 from jaxshroud.cache.programs import kept
 from jaxshroud.march.carry import EachLane, Fixed, Lane, running
+from jaxshroud.march.forces_and_energy import slider_position
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observables import slider_position
 from jaxshroud.march.stepper import stepper_for
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.modes import Status

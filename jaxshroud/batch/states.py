@@ -1,4 +1,8 @@
-"""The forms of a state (in compiled loops, for users, as rows of numbers), and the contact forces in stored states."""
+"""The forms of a state (in compiled loops, for users, as rows of numbers), and the contact forces in stored states.
+
+At the instant of a start contact begins where blocks that are apart overlap. A march crosses these events in its first
+trials, of length zero; here they are crossed without a march.
+"""
 
 from typing import Any
 
@@ -9,13 +13,16 @@ import numpy as np
 from jaxshroud.batch.equilibrium import ContactState
 from jaxshroud.batch.load_path import start_equilibria
 from jaxshroud.cache.programs import is_traced, kept
+from jaxshroud.march.event import GuardEvaluation, any_of, first_kind, present
+from jaxshroud.march.events import transition
+from jaxshroud.march.forces_and_energy import ContactForces, contact_forces, stacked_point_forces
+from jaxshroud.march.locate import select
 from jaxshroud.march.log import is_of_blades
-from jaxshroud.march.observables import ContactForces, contact_forces, stacked_point_forces
 from jaxshroud.model.arithmetic import ZERO, filled, is_zero, sincos_turns
 from jaxshroud.model.blade import ElasticMotion
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.points_contact import points_last
+from jaxshroud.model.points_contact import interface_mode, points_last
 from jaxshroud.model.prepared import Model, State, as_pairs, prepared_model
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion
@@ -169,6 +176,21 @@ def from_vector(vector: np.ndarray, mode: Any, case: Any, layout: Layout = PAIR,
     if points:
         return State(motion, sliders.reshape(*vector.shape[:-1], *layout.interface_shape, points), mode, case)
     return State(motion, layout.at_interfaces(sliders), mode, case)
+
+
+def events_at_start(model: Model) -> int:
+    """How many events happen at most: an onset, and the transition from flat contact to a corner; or one a point."""
+    return max(2, len(model.block.points))
+
+
+def next_at_start(state: State, start: State, view: GuardEvaluation, model: Model) -> State:
+    """The state after the next event at the instant of a `start` apart, if its guards show one; its motion is kept."""
+    violated = {kind: view.guards.value[kind] > 0 for kind in present(view.guards.value)}
+    zero = jnp.zeros_like(view.at.v)
+    after = transition(state.motion, state, view, first_kind(violated), zero, zero, model).after
+    fires = any_of(violated.values()) & (interface_mode(start.mode) == Mode.APART)
+    u_s, mode, case = select(fires, (after.u_s, after.mode, after.case), (state.u_s, state.mode, state.case))
+    return State(state.motion, u_s, mode, case)
 
 
 SAMPLES_PER_CALL = 1024  # one program for runs of any length

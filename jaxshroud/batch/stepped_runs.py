@@ -27,8 +27,8 @@ from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.stretches import EnergyBalance, Trajectories
 from jaxshroud.batch.threads import Check, Interrupted, concatenated_lanes, in_chunks
 from jaxshroud.batch.xla import best_mapping
+from jaxshroud.march.forces_and_energy import is_unbalanced
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observables import is_unbalanced
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State, law_type

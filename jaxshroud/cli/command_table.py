@@ -126,7 +126,7 @@ COMMANDS = {
             shared_option("--out", help="ranked table; or .nc", metavar="FILE.csv"),
         ),
         arguments=("n_periods", "transient", "by"),
-        module="table",
+        module="design",
     ),
     "diagnose": Command(
         "Say what kind of motion a scene settles on, and why, on one page.",
@@ -193,7 +193,7 @@ COMMANDS = {
         ),
         arguments=("n_periods", "transient", "of", "sigma", "pairs", "seed"),
         unit="periods",
-        module="gradient",
+        module="numbers",
     ),
     "tune": Command(
         "Find the numbers of a scene that reduce the vibration most.",
@@ -248,7 +248,7 @@ COMMANDS = {
         arguments=("scan", "starts", "most_periods", "seed"),
         files=("fit.nc", "fit.png", "summary.json", "best.toml"),
         unit="evaluations",
-        module="fit",
+        module="numbers",
     ),
     "scatter": Command(
         "How P_d scatters where numbers of a scene do, with the probability of a wanted P_d and Sobol indices.",
@@ -266,7 +266,7 @@ COMMANDS = {
         ),
         arguments=("n_periods", "transient", "of", "at_least", "draws", "seed"),
         files=("scatter.nc", "scatter.png", "summary.json"),
-        module="design",
+        module="numbers",
     ),
     "report": Command(
         "All that is known of a design, with a verdict, as one HTML or PDF document.",
@@ -344,7 +344,7 @@ COMMANDS = {
         ),
         arguments=("n_periods", "transient", "num", "most_points", "doublings"),
         files=("response.nc", "response.png", "summary.json"),
-        module="response",
+        module="orbits",
     ),
     "mistune": Command(
         "How far mistuning amplifies the largest amplitude of a row of blades, over random patterns.",

@@ -1,4 +1,4 @@
-"""The commands of a design: `tune`, `scatter` and `report`."""
+"""The commands of designs: `tune`, `report` and, of many, `table`."""
 
 import argparse
 import shlex
@@ -9,39 +9,53 @@ import numpy as np
 
 import jaxshroud
 from jaxshroud.batch.limits import check_size
-from jaxshroud.batch.plan import Progress
-from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, write_files
+from jaxshroud.batch.plan import Plan, Progress
+from jaxshroud.batch.threads import cores
+from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_with_accuracy_warnings, print_result
 from jaxshroud.cli.drawing import draw
+from jaxshroud.cli.projection import LONG_RUN_STEPS, print_projection, projected_seconds
 from jaxshroud.cli.run_options import bounds, limits, load_scene, operating_conditions, scatters
 from jaxshroud.cli.terminal import (
     CommandError,
     files_written,
-    print_columns,
+    input_errors_at,
     print_table,
     progress_bar,
+    shortened,
 )
+from jaxshroud.io.csv_text import read_csv
 from jaxshroud.io.files import write
 from jaxshroud.io.store import write_json
 from jaxshroud.march.method import FOR_P_D
-from jaxshroud.results.scatter import SHARES, Report, Scatter
+from jaxshroud.march.method_names import LARGEST_FIRST
+from jaxshroud.results.base import ORIGIN
+from jaxshroud.results.scatter import Report
 from jaxshroud.results.tuned import Tuned
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import parse_key
-from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.quantities import is_reduction, unit_of
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.title import display_value
-from jaxshroud.signals.amplitudes import check_vibration
+from jaxshroud.scene.valid import in_precision
+from jaxshroud.signals.amplitudes import check_vibration, counted_reduction
+from jaxshroud.verbs.arguments import resolve_options
 from jaxshroud.verbs.design_problem import check_comparable, design_corners, problem_of
 from jaxshroud.verbs.gradient_ascent import SearchOptions
+from jaxshroud.verbs.plan import plan_march
 from jaxshroud.verbs.report import report_request, varied_by
 from jaxshroud.verbs.report_sections import MM_PER_M, Limits
 from jaxshroud.verbs.robust import robustness_request
-from jaxshroud.verbs.scattering import scatter_bounds, scattering_of
+from jaxshroud.verbs.scattering import scattering_of
+from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE
+from jaxshroud.verbs.table import check_ranking, checked_designs
 from jaxshroud.verbs.tune import objective_map
 
 MAP_SIDE = 24  # values of each of two keys in the map behind the paths
 MAP_COARSENING = 2  # of the map where numbers scatter: each of its designs takes all draws
+SHOWN_ENTRIES, SHOWN_LAST = 16, 4  # entries of the best design that are printed, and those of them that come last
+LONGEST_CELL = 60  # characters of a cell that are printed
+SHOWN_REASONS = 5  # rows whose faults are printed
+LONG_TABLE_STEPS = LONG_RUN_STEPS // 10  # with loads and amplitudes, in all lanes together
 
 
 # Tuning
@@ -171,49 +185,6 @@ def _motion_rows(tuned: Tuned) -> dict[str, str]:
     return {"coexisting motions": f"{count}; the worst has a P_d of {least:.4g} % (from rest {from_rest:.4g} %){rest}"}
 
 
-# Scatter
-
-
-def _scatter_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
-    spreads = {**bounds(file, options.over), **scatters(file, options)}
-    if not spreads:
-        raise CommandError("nothing scatters: give --over, --tolerance or --spread, e.g. --tolerance shroud.gap=10um")
-    return {"scatters": spreads}
-
-
-def _scatter_corners(call: VerbCall) -> Scene:
-    """The scenes at the ends of the scatter."""
-    scene = call.file.scene
-    of = call.options.of or counted_reduction(scene)
-    if is_reduction(of) and not call.options.over:
-        check_vibration(of, scene)
-    return design_corners(problem_of(scene, scatter_bounds(scene, call.arguments["scatters"]), {}))
-
-
-def _output_scatter(completed: CompletedCall) -> None:
-    write_files(completed)
-    scatter: Scatter = completed.result
-    heads = ("number", "low [SI]", "high [SI]", "alone (95 %)", "in all (95 %)")
-    shares = [_share_cells(scatter, i) for i in range(len(scatter.keys))]
-    print_columns(f"shares of the variance of {scatter.quantity}", heads, shares)
-    at_least, unit = completed.options.at_least is not None, unit_of(scatter.quantity)
-    rows = {
-        f"median of {scatter.quantity}": f"{scatter.median:.4g} {unit}",
-        "nine draws in ten": f"{scatter.likely_low:.4g} to {scatter.likely_high:.4g} {unit}",
-        **{name: getattr(scatter, name) for name in ("flat", "undefined") if getattr(scatter, name)},
-        **({f"P_d at least {scatter.at_least:g} %": f"probability {scatter.chance}"} if at_least else {}),
-        "stopped": f"{scatter.stopped} of {scatter.runs} runs",
-        "written": files_written(),
-    }
-    print_table(completed.title, rows)
-
-
-def _share_cells(scatter: Scatter, i: int) -> list[str]:
-    """A number with its bounds and its shares of the variance, with their intervals."""
-    shares = [scatter.share_text(name, i) for name in SHARES]
-    return [scatter.keys[i], f"{scatter.low[i]:.6g}", f"{scatter.high[i]:.6g}", *shares]
-
-
 # Report
 
 
@@ -264,13 +235,67 @@ def _output_report(completed: CompletedCall) -> None:
     print_table(report.title, {"verdict": report.verdict, **reasons, "written": files_written()})
 
 
+# Table
+
+
+def _table_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
+    """The designs of the table."""
+    if options.out.suffix not in (".csv", ".nc"):
+        raise CommandError(f"--out {options.out}: must end in .csv, the ranked table, or in .nc")
+    table = read_csv(options.designs)
+    with input_errors_at(file.name):
+        check_ranking(options.by or counted_reduction(file.scene), file.scene)
+    with input_errors_at(str(options.designs)):
+        return {"designs": checked_designs(table.columns, file.scene, table.faults, table.decimal_comma)}
+
+
+def _scenes_of_designs(call: VerbCall) -> Scene:
+    return call.arguments["designs"].scenes(call.file.scene)
+
+
+def _print_projection_of_long_table(call: VerbCall) -> None:
+    """Print what a long table will take."""
+    scenes = without_given(_scenes_of_designs(call))
+    resolved = resolve_options(call.file, method=call.arguments["method"], verb="table")
+    march = plan_march(resolved, scenes, FOR_P_D)
+    method = march.method._replace(ledger=True, forces=True, amplitudes=True)
+    plan = Plan(call.arguments["transient"], call.arguments["n_periods"], march.steps, 0.0, method)
+    lanes = len(scenes.drive.omega)
+    if lanes * (plan.transient + plan.kept) * plan.steps_per_period <= LONG_TABLE_STEPS:
+        return
+    with progress_bar("lane-periods of a trial") as report:
+        seconds = projected_seconds(in_precision(scenes, method.precision), plan, progress=report)
+    print_projection(lanes, plan.kept, seconds, seconds / cores(), lanes_held=min(lanes, MAX_LANES_AT_ONCE))
+
+
+def _output_table(completed: CompletedCall) -> None:
+    result = completed.result
+    result.save(completed.options.out)
+    rows = {name: value for name, value in result.summary().items() if name not in ORIGIN}
+    rows["best"] = _shown_design(rows["best"])
+    for line in result.wrong[:SHOWN_REASONS]:
+        rows[line.partition(":")[0]] = shortened(line.partition(": ")[2])
+    if len(result.wrong) > SHOWN_REASONS:
+        rows["further wrong rows"] = len(result.wrong) - SHOWN_REASONS
+    order = "largest" if result.by in LARGEST_FIRST else "smallest"
+    headline = f"{completed.title}, ranked by {result.by}, the {order} first"
+    print_result(completed, {**rows, "seconds": completed.seconds}, headline)
+
+
+def _shown_design(best: dict[str, Any] | None) -> dict[str, Any] | None:
+    """The best design as far as a terminal shows it: its first columns and its numbers, long cells shortened."""
+    if best is None:
+        return None
+
+    def short(value):
+        return shortened(value, LONGEST_CELL) if isinstance(value, str) else value
+
+    shown = [(short(name), short(value)) for name, value in best.items()]
+    more = len(shown) - SHOWN_ENTRIES
+    return dict(shown if more <= 0 else [*shown[: -more - SHOWN_LAST], ("further columns", more), *shown[-SHOWN_LAST:]])
+
+
 tune_command = Computation(prepare=_tune_arguments, scenes=_tuning_corners, usual=FOR_P_D, output=_output_tuning)
-scatter_command = Computation(
-    prepare=_scatter_arguments,
-    scenes=_scatter_corners,
-    usual=FOR_P_D,
-    output=_output_scatter,
-)
 report_command = Computation(
     overrides=_report_overrides,
     prepare=_report_arguments,
@@ -278,4 +303,12 @@ report_command = Computation(
     usual=FOR_P_D,
     run=_call_report,
     output=_output_report,
+)
+table_command = Computation(
+    prepare=_table_arguments,
+    scenes=_scenes_of_designs,
+    usual=FOR_P_D,
+    announce=_print_projection_of_long_table,
+    run=call_with_accuracy_warnings,
+    output=_output_table,
 )

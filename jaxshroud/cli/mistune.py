@@ -26,8 +26,8 @@ from jaxshroud.scene.mistuning import NO_PATTERN
 from jaxshroud.scene.overrides import axis
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.title import display_value
+from jaxshroud.verbs.arguments import resolve_options
 from jaxshroud.verbs.mistune import pattern_rows, search_size
-from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.plan import plan_march
 from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE
 

@@ -19,12 +19,10 @@ from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.scene.layout import KNOW_LINEAR
 from jaxshroud.scene.overrides import axis, size_in_si
 from jaxshroud.scene.scene import Scene, without_given
-from jaxshroud.verbs.arguments import check_verb
+from jaxshroud.verbs.arguments import ResolvedOptions, check_verb, resolve_options
 from jaxshroud.verbs.asked import Asked, Choice, MarchPlan
-from jaxshroud.verbs.linear import default_state, in_state
-from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.plan import Trials, choose_method, plan_march
-from jaxshroud.verbs.settled import settling_periods
+from jaxshroud.verbs.settled import default_state, in_state, settling_periods
 
 METHOD_OPTIONS = ("tableau", "order", "step_tolerance", "locate", "precision")
 MANY_PERIODS = 100  # in which free vibration dies out

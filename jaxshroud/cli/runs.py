@@ -27,8 +27,7 @@ from jaxshroud.orbits.short_runs import trajectory_ends
 from jaxshroud.results.amplitudes import amplitude_numbers, load_numbers
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import PAIR
-from jaxshroud.scene.preload import is_preloaded
-from jaxshroud.signals.amplitudes import check_vibration
+from jaxshroud.signals.amplitudes import check_vibration, is_preloaded
 from jaxshroud.signals.effects import with_interval
 from jaxshroud.verbs.arguments import check_row
 from jaxshroud.verbs.asked import LEVELS

@@ -101,8 +101,7 @@ class Service:
             answers: Where messages go.
             done: Called after each job.
         """
-        from jaxshroud.explorer.jobs import Methods
-        from jaxshroud.explorer.worker import Worker
+        from jaxshroud.explorer.jobs import Methods, Worker
 
         self.answers, self.done, self.lock = answers, done, threading.Lock()
         self.methods = Methods(lambda *chosen: self._answer(Message("chosen", content=chosen)))

@@ -2,14 +2,13 @@
 
 import math
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxshroud.explorer.worker import Continue
 from jaxshroud.march.method import FAST, Method, RungeKutta, Taylor, method_of
 from jaxshroud.march.stability import lanes_that_auto_steps_follow, stiffest
 from jaxshroud.march.tableau import TaylorOptions
@@ -21,10 +20,11 @@ from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.keys import ALL_KEYS, Key, key_in
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import read_shown, shown_text
+from jaxshroud.verbs.arguments import resolve_options
 from jaxshroud.verbs.asked import Asked, accuracy_level
-from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.plan import plan_march
 
+Continue = Callable[[], None]  # to be called regularly: raises `Outdated` once the work is no longer wanted
 # In the order of the page; of rivals a scene gives one.
 FIELD_KEYS = (
     *("shroud.gap", "contact.gamma", "contact.k", "contact.width", "friction.mu", "friction.k_d"),

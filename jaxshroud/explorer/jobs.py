@@ -1,6 +1,7 @@
 """The computations that a page asks for, each in a thread of its own that leaves the cores to what is wanted first.
 
-What a tab wishes is data, which goes to its engine; the jobs fulfil it there.
+What a tab wishes is data, which goes to its engine; the jobs fulfil it there. A thread computes what its tab wants
+last: a new wish ends the work on an earlier one.
 """
 
 import threading
@@ -11,9 +12,8 @@ from functools import partial
 from typing import Any
 
 from jaxshroud.explorer.diagram import Amount, Window, diagram, joined, joined_map, map_axes, map_piece
-from jaxshroud.explorer.exploration import Exploration, method_on_page
+from jaxshroud.explorer.exploration import Continue, Exploration, method_on_page
 from jaxshroud.explorer.saves import result_file
-from jaxshroud.explorer.worker import Continue, Job
 from jaxshroud.march.method import Method
 from jaxshroud.results.base import Result
 from jaxshroud.results.diagnosis import Diagnosis
@@ -27,6 +27,70 @@ LONGEST_WAIT = 1.0  # of a diagram for a run [s]; compiling may take longer
 REPORT_INTERVAL = 0.1  # [s]
 Yield = Callable[[], bool]  # whether something is wanted first
 Choose = Callable[[Continue], Method]
+Job = Callable[[Continue], None]
+
+
+class Outdated(Exception):  # noqa: N818  not an error
+    """The result of this work is no longer wanted."""
+
+
+class Worker:
+    """One thread; of the jobs that it is given while it works, it does the last one."""
+
+    def __init__(self, failed: Callable[[Exception], None]):
+        """A worker at rest.
+
+        Args:
+            failed: Called in the thread with what a job raises.
+        """
+        self.failed, self.wakened, self.waiting = failed, threading.Condition(), None
+        self.number, self.closed, self.busy = 0, False, False
+        self.thread = threading.Thread(target=self._work, daemon=True)
+        self.thread.start()
+
+    def submit(self, job: Job) -> None:
+        """Do this next, and end what is being done."""
+        with self.wakened:
+            self.number += 1
+            self.waiting, self.busy = job, True
+            self.wakened.notify()
+
+    def cancel(self) -> None:
+        """End what is being done."""
+        with self.wakened:
+            self.number += 1
+            self.waiting = None
+
+    def close(self) -> None:
+        """End the thread, once what it does has noticed."""
+        with self.wakened:
+            self.closed = True
+            self.number += 1
+            self.wakened.notify()
+
+    def _work(self) -> None:
+        while True:
+            with self.wakened:
+                self.busy = self.waiting is not None
+                self.wakened.wait_for(lambda: self.closed or self.waiting is not None)
+                if self.closed:
+                    return
+                job, number, self.waiting = self.waiting, self.number, None
+            self._do(job, number)
+
+    def _do(self, job: Job | None, number: int) -> None:
+        def go_on() -> None:
+            if self.number != number:
+                raise Outdated
+
+        try:
+            if job is not None:
+                job(go_on)
+        except Outdated:
+            pass
+        except Exception as error:
+            if self.number == number:
+                self.failed(error)
 
 
 class Methods:

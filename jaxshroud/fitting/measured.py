@@ -15,12 +15,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.cubics import cubic_mean, hermite_largest
 from jaxshroud.batch.differentiable_samples import Schedule
 from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.flows import as_differentiable
+from jaxshroud.batch.stretches import cubic_mean, hermite_largest
 from jaxshroud.batch.tangents import SampledMotions, TangentProblem, direction, motions_with_tangents, start_duals
 from jaxshroud.cache.programs import kept
+from jaxshroud.fitting.least_squares import Data
 from jaxshroud.march.method import Choices
 from jaxshroud.orbits.orbit import PeriodicOrbit
 from jaxshroud.orbits.shooting import moved_start
@@ -204,3 +205,10 @@ def _amplitudes(q, rate, h):
     rms = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)  # what stands still has no slope
     high, low = hermite_largest(q, h * rate), -hermite_largest(-q, -h * rate)
     return jnp.stack([rms[0], jnp.maximum(high - mean, mean - low)[0]])
+
+
+def weighted_data(data: Measurements) -> Data:
+    """The data with their noise, or with the size of each channel where that is unknown."""
+    if data.sigma is not None:
+        return Data(data.values, data.sigma, True)
+    return Data(data.values, np.broadcast_to(data.sizes, data.values.shape), False)

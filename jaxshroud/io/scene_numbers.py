@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxshroud.scene.harmonics import nested
 from jaxshroud.scene.keys import ALL_KEYS, Key, Motion, parse_key
 from jaxshroud.scene.layout import PAIR, Layout
+from jaxshroud.scene.nested_tables import nested
 from jaxshroud.scene.replacing import layout_of, replaced_tables
 
 if TYPE_CHECKING:

@@ -32,8 +32,18 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.march.event import Event, EventInstant, Events, always, next_mode
-from jaxshroud.march.guards import ContactNow, Guard, GuardEvaluation, Guards, any_of
+from jaxshroud.march.event import (
+    ContactNow,
+    Event,
+    EventInstant,
+    Events,
+    Guard,
+    GuardEvaluation,
+    Guards,
+    always,
+    any_of,
+    next_mode,
+)
 from jaxshroud.march.point_events import POINT_EVENTS
 from jaxshroud.model.arithmetic import ZERO, Scalar, where
 from jaxshroud.model.drive import Waves
@@ -48,11 +58,10 @@ from jaxshroud.model.geometry import (
     pose,
     tip_is_left,
 )
-from jaxshroud.model.interface import EndTorques
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State, has_torsion, touches_at_corners
-from jaxshroud.model.rhs import end_torques, parallel_mean, stored_energy
+from jaxshroud.model.rhs import EndTorques, end_torques, parallel_mean, stored_energy
 from jaxshroud.scene.keys import Motion
 
 FLAT_PART = 1 / 24  # of a step: a rocking motion that returns sooner counts as flat contact in any case

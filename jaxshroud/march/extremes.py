@@ -16,10 +16,10 @@ from jaxshroud.march.taylor_events import TRIAL_PARTS, Coefficients
 from jaxshroud.model.arithmetic import Scalar, is_zero, where
 from jaxshroud.model.contact_law import LinearLaw
 from jaxshroud.model.geometry import contact_rates
-from jaxshroud.model.interface import law_forces
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State
+from jaxshroud.model.rhs import law_forces
 from jaxshroud.model.series import Series, polynomial_value, polynomial_value_and_rate
 from jaxshroud.scene.keys import Motion
 

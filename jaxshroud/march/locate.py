@@ -12,10 +12,9 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.march.event import Violated
-from jaxshroud.march.guards import Guards, any_of, present
+from jaxshroud.march.carry import Search, Target
+from jaxshroud.march.event import Guards, Violated, any_of, present
 from jaxshroud.march.method import Choices
-from jaxshroud.march.search import Search, Target
 from jaxshroud.model.arithmetic import Pair, Scalar, is_zero, traced_once, where
 from jaxshroud.scene.typed import Tree
 

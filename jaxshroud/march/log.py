@@ -1,27 +1,82 @@
-"""The accumulator of pairs and rows through their trials; what is logged, and how, stands in `logged`."""
+"""What an accepted trial of a pair or of a row leaves: its accumulator, and the lane afterwards.
+
+What is logged, and how, stands in `logged`.
+"""
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.accumulator import Accumulator, EnergyJumps, Log, no_margins
+from jaxshroud.march.carry import Lane, PerLane
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.extremes import ContactSeries, MotionSeries
+from jaxshroud.march.locate import select
 from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observable import Beginning, BladeTrial, InterfaceTrial, Observable, Per
-from jaxshroud.march.trial import AcceptedTrial
-from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, zeros_for
+from jaxshroud.march.observable import Beginning, BladeTrial, InterfaceTrial, Lift, Observable, Per
+from jaxshroud.model.arithmetic import ZERO, Scalar, both_sides, is_zero, where, zeros_for
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State, touches_at_corners
-from jaxshroud.model.rhs import rhs
+from jaxshroud.model.rhs import Integrals, rhs
 from jaxshroud.model.row import Each, OfInterfaces, RowModel, over, pair_states
-from jaxshroud.model.sides import both_sides
 from jaxshroud.scene.keys import Motion
+
+
+class AcceptedTrial(NamedTuple):
+    """A trial that was accepted, as far as the accumulator asks."""
+
+    start: State
+    mode: Int[Array, "..."]  # of each interface during it; of smooth contact, whether the faces touch at its end
+    h: PerLane  # its length [s]
+    end: Any  # motion at its end, before what happens there
+    after: Any  # motion with which a row goes on, once blocks with flat faces turn as one; of pairs the same as `end`
+    v: PerLane | None  # penetration there [m]; by power series the largest within, None with derivatives
+    lift: Lift | None  # of each interface; None where no log of a row asks for it
+    gain: Integrals
+    jumps: EnergyJumps | None
+    step: Int[Array, "..."]  # in which it was made
+    next_step: Int[Array, "..."]  # in which the next one is made
+    events: Any = None  # of a pair the `Ending`, None without events; of a row the values that observables give to it
+    by_series: tuple[Any, ...] | None = None  # see `Observable.of_series`, of each; None for Runge-Kutta methods
+
+
+def mode_of_smooth_contact(v: PerLane) -> Int[Array, "..."]:
+    """Whether faces touch, as a mode, at a penetration `v` [m]; smooth contact has no modes of its own."""
+    return where(v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS))
+
+
+def lane_after(
+    before: Lane,
+    after: Lane,
+    accept: Bool[Array, "..."],
+    moves_low: Bool[Array, "..."],
+    active: Bool[Array, "..."],
+    repeated: Any,
+) -> Lane:
+    """The lane, or the row, after a trial.
+
+    Args:
+        before: The one before it.
+        after: The one after it if it is accepted; its status is that in any case, of those that are active.
+        accept: Whether it is accepted.
+        moves_low: Whether its end is the new lower end of the bracket, whose guards are kept.
+        active: Whether the lane runs.
+        repeated: The search if the trial is not accepted.
+    """
+    return Lane(
+        select(accept, after.state, before.state),
+        where(accept, after.step, before.step),
+        select(accept, after.search, repeated),
+        None if after.guards is None else select(accept | moves_low, after.guards, before.guards),
+        select(accept, after.accumulator, before.accumulator),
+        where(active, after.status, before.status),
+    )
 
 
 def log_of(values: Mapping[str, Any]) -> Log:

@@ -11,11 +11,10 @@ from typing import Any, NamedTuple, cast
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from jaxshroud.march.event import Event, EventInstant
-from jaxshroud.march.guards import ContactNow, Guard
+from jaxshroud.march.event import ContactNow, Event, EventInstant, Guard
 from jaxshroud.model.arithmetic import is_zero, where
 from jaxshroud.model.contact_law import ContactLaw, GuardCrossing, Modes, Slider
-from jaxshroud.model.face_points import FaceKinematics, FaceRates, PointKinematics, PointRates
+from jaxshroud.model.geometry import FaceKinematics, FaceRates, PointKinematics, PointRates
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import PointsContact
 from jaxshroud.model.prepared import Model

@@ -14,9 +14,12 @@ from jaxshroud.march.carry import (
     Fixed,
     Lane,
     LaneTree,
+    Search,
     event_change,
+    following_search,
     is_finite,
     most_events,
+    new_search,
     running,
     status_of,
     turned_too_far,
@@ -26,6 +29,7 @@ from jaxshroud.march.carry import (
 from jaxshroud.march.event import (
     Events,
     above_zero,
+    any_of,
     case_switches,
     check_own_events,
     first_kind,
@@ -36,14 +40,11 @@ from jaxshroud.march.event import (
     violated_guards,
 )
 from jaxshroud.march.events import evaluate_guards, place_contact
-from jaxshroud.march.guards import any_of
 from jaxshroud.march.locate import at_event, at_least_two, judge_trial, outcome_of_pair, select, select_guard
-from jaxshroud.march.log import new_accumulator, updated_accumulator
+from jaxshroud.march.log import AcceptedTrial, lane_after, mode_of_smooth_contact, new_accumulator, updated_accumulator
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Ending, Lift
 from jaxshroud.march.rk_step import NO_STAGES, Stages, StepEnd, rk_stages, rk_step, trial_interval
-from jaxshroud.march.search import Search, following_search, new_search
-from jaxshroud.march.trial import AcceptedTrial, lane_after, mode_of_smooth_contact
 from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, where, zeros_for
 from jaxshroud.model.contact_law import Slider
 from jaxshroud.model.drive import Waves, drive_waves

@@ -1,17 +1,43 @@
-"""The torques, the guards and the contact forces at the interfaces of a row of blades."""
+"""The guards at the interfaces of a row of blades, its contact forces, and the location of its earliest event.
+
+That is the earliest over all interfaces, found as `locate` does for a pair.
+"""
 
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
-from jaxshroud.march.event import Events
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from jaxshroud.march.carry import Search, Target
+from jaxshroud.march.event import (
+    Events,
+    GuardEvaluation,
+    Guards,
+    any_of,
+    first_kind,
+    forces_jump,
+    rounding_of,
+    violated_guards,
+)
 from jaxshroud.march.events import BUILT_IN_EVENTS, guards_at, place_contact
-from jaxshroud.march.guards import GuardEvaluation, Guards
-from jaxshroud.march.observables import ContactForces, contact_forces_at
+from jaxshroud.march.forces_and_energy import ContactForces, contact_forces_at
+from jaxshroud.march.locate import (
+    LocationDecision,
+    TrialOutcome,
+    at_least_two,
+    first_crossed,
+    first_interior_maximum,
+    judge_trial,
+    select,
+    select_guard,
+)
+from jaxshroud.march.method import Choices
 from jaxshroud.model.arithmetic import ZERO, Scalar, Zero, is_zero
 from jaxshroud.model.geometry import Kinematics
-from jaxshroud.model.interface import EndTorques, law_forces, torques_along_face
 from jaxshroud.model.prepared import Model, State
-from jaxshroud.model.rhs import Recorded
+from jaxshroud.model.rhs import EndTorques, Recorded, law_forces, torques_along_face
 from jaxshroud.model.row import (
     Each,
     OfInterfaces,
@@ -75,3 +101,97 @@ def row_guards(state: State, wave: Any, model: RowModel, each: Each, events: Eve
         return interface_view(torque, state, model, events).guards
 
     return over(each, guards, torque, pair_states(state, model), model.interfaces)
+
+
+class InterfaceOutcome(NamedTuple):
+    """What a trial has shown at one interface."""
+
+    guards: Guards  # at its end
+    hit: Bool[Array, ""]  # a guard is violated
+    kind: Int[Array, ""]  # the violated guard that takes precedence
+    several: Bool[Array, ""]  # several are violated
+    jumps: Bool[Array, ""]  # the forces jump there
+    exact: Bool[Array, ""]  # the guard is zero to rounding
+    top: Scalar  # the fraction of the trial at which a guard seems to be above zero; 1 if there is none
+    share: Scalar  # of the width above zero, of the guard that was crossed first
+    crossed: Target
+
+
+def interface_outcome(
+    torque: Scalar, state: State, low: Guards, counts: Bool[Array, ""], length: Scalar, model: Model, events: Events
+) -> InterfaceOutcome:
+    """The outcome at one interface of a trial of so many seconds that ended in `state`.
+
+    Args:
+        torque: The relative torque of its corner.
+        state: Its end, in the mode and case of the trial.
+        low: The guards at the lower end of the bracket, or at the start of the trial.
+        counts: Whether a violated guard counts.
+        length: The length of the trial [s].
+        model: The constants of the pair.
+        events: The events of the march.
+    """
+    view = interface_view(torque, state, model, events)
+    guards = view.guards
+    violated = violated_guards(guards, low, counts, events)
+    kind, hit, several = first_kind(violated), any_of(violated.values()), at_least_two(tuple(violated.values()))
+    jumps = forces_jump(kind, state, model, events)
+    rounding = rounding_of(kind, view.at, events)
+    exact = jumps & ~several & (select_guard(guards.value, kind) <= rounding)
+    zero, none = jnp.zeros_like(length), jnp.zeros_like(kind)
+    share, crossed = first_crossed(low, guards, violated, Target(none, zero, zero, zero, none))
+    top = first_interior_maximum(low, guards, length)
+    return InterfaceOutcome(guards, hit, kind, several, jumps & hit, exact, top, share[0] / share[1], crossed)
+
+
+class RowOutcome(NamedTuple):
+    """What a trial has shown of a row, of which `judge_row` makes a `TrialOutcome`."""
+
+    hits: Int[Array, ""]  # number of interfaces where a guard is violated
+    jumps: Bool[Array, ""]  # the forces jump at one of them
+    exact: Bool[Array, ""]  # all of their guards are zero to rounding
+    top: Scalar
+    crossed: Target  # the guard that was crossed first
+    low: Guards  # of the interface of the target, at the lower end of the bracket
+
+
+def row_outcome(search: Search, outcome: InterfaceOutcome, low: Guards) -> RowOutcome:
+    """The outcome of each lane, from those of its interfaces."""
+    hit, target = outcome.hit, search.target
+    hits, any_hit = jnp.sum(hit, axis=0, dtype=jnp.int32), jnp.any(hit, axis=0)
+    first = jnp.argmax(jnp.where(hit, outcome.share, -1.0), axis=0).astype(jnp.int32)
+    place = first if target is None or target.place is None else jnp.where(any_hit, first, target.place)
+    here = jnp.arange(len(hit), dtype=jnp.int32)[:, None] == place[None]
+
+    def at_place(a):
+        return jnp.sum(jnp.where(here, a, jnp.zeros_like(a)), axis=0, dtype=a.dtype)
+
+    now = select(any_hit | ~search.bracketing, low, outcome.guards)
+    return RowOutcome(
+        hits,
+        jnp.any(outcome.jumps, axis=0),
+        jnp.all(outcome.exact | ~hit, axis=0),
+        jnp.min(outcome.top, axis=0),
+        jax.tree.map(at_place, outcome.crossed)._replace(place=place),
+        jax.tree.map(at_place, now),
+    )
+
+
+def judge_row(
+    search: Search, outcome: RowOutcome, active: Bool[Array, ""], h: Scalar, method: Choices
+) -> LocationDecision:
+    """`judge_trial` of one lane that is `active`; else its search goes on as it is."""
+    hit, target = outcome.hits > 0, search.target
+    if target is not None:
+        crossed = outcome.crossed._replace(tries=target.tries)
+        target = select(hit, crossed, target._replace(place=crossed.place))
+    exact = outcome.exact & (outcome.hits == 1)
+    seen = TrialOutcome(hit, outcome.jumps, exact, outcome.top, target, outcome.low)
+    decision = judge_trial(search, seen, h, method)
+    return LocationDecision(
+        decision.accept & active,
+        decision.fire & active,
+        decision.move_low & active,
+        decision.delay,
+        select(active, decision.search, search),
+    )

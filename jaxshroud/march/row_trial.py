@@ -20,16 +20,28 @@ from jaxshroud.march.carry import (
     Lane,
     TimeGrid,
     change_at,
+    following_search,
     most_events,
     most_turns,
+    new_search,
     running,
     status_of,
     updated_margins,
 )
-from jaxshroud.march.event import above_zero, case_switches, check_own_events, guards_after_event, guards_to_begin_with
-from jaxshroud.march.guards import Guards, any_of
+from jaxshroud.march.event import (
+    Guards,
+    above_zero,
+    any_of,
+    case_switches,
+    check_own_events,
+    guards_after_event,
+    guards_to_begin_with,
+)
 from jaxshroud.march.locate import LocationDecision, select
 from jaxshroud.march.log import (
+    AcceptedTrial,
+    lane_after,
+    mode_of_smooth_contact,
     new_row_log,
     penetrations,
     takers_of_events,
@@ -40,8 +52,15 @@ from jaxshroud.march.log import (
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Ending, Lift
 from jaxshroud.march.rk_step import interval_in_step, trial_interval
-from jaxshroud.march.row_guards import interface_view, row_guards, row_torques
-from jaxshroud.march.row_locate import InterfaceOutcome, interface_outcome, judge_row, row_outcome
+from jaxshroud.march.row_guards import (
+    InterfaceOutcome,
+    interface_outcome,
+    interface_view,
+    judge_row,
+    row_guards,
+    row_outcome,
+    row_torques,
+)
 from jaxshroud.march.row_step import (
     OfLanes,
     RowCrossing,
@@ -50,8 +69,6 @@ from jaxshroud.march.row_step import (
     one_after_the_other,
     row_step,
 )
-from jaxshroud.march.search import following_search, new_search
-from jaxshroud.march.trial import AcceptedTrial, lane_after, mode_of_smooth_contact
 from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, is_zero, zeros_for
 from jaxshroud.model.modes import FLAT, Status
 from jaxshroud.model.points_contact import interface_mode

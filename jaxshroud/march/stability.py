@@ -19,9 +19,9 @@ from jaxshroud.march.tableau import MIN_STEPS, RK4, Tableau, TaylorOptions
 from jaxshroud.model.arithmetic import Scalar, filled
 from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.coupling import coupling_bounds, couplings_of_pairs
-from jaxshroud.model.face_points import face_kinematics
-from jaxshroud.model.geometry import Corners, contact_kinematics, corners, pose
+from jaxshroud.model.geometry import corners
 from jaxshroud.model.linear import free_reach, steady_amplitudes
+from jaxshroud.model.natural_modes import contact_gradients
 from jaxshroud.model.prepared import prepared_law
 from jaxshroud.model.row import pair_at
 from jaxshroud.scene.checks import MAX_AUTO_STEPS, InputError, StepTooLongError, count_argument
@@ -141,30 +141,6 @@ def largest_eigenvalue(M: Float[Array, "... n n"]) -> Float[Array, "... 1"]:
 
     P = lax.fori_loop(0, 40, lambda _, P: scaled(P @ P), scaled(M))
     return total(P @ M)[..., 0]
-
-
-def contact_gradients(
-    case: int | Int[Array, ""], block: Corners, like: Array
-) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
-    """dv/dq and du/dq of the corner pair of `case`, q = (x_1, x_2, y_1, y_2, theta_1, theta_2) = 0."""
-
-    def v_and_u(q):
-        at = contact_kinematics(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), jnp.asarray(case), block, frozenset())
-        return jnp.stack([at.v, at.u])
-
-    v_q, u_q = jax.jacfwd(v_and_u)(jnp.zeros_like(like))
-    return v_q, u_q
-
-
-def point_gradients(block: Corners, like: Array) -> tuple[Float[Array, "points 6"], Float[Array, "points 6"]]:
-    """dv/dq and du/dq at each point of faces that touch at several, see `contact_gradients`."""
-
-    def v_and_u(q):
-        at = face_kinematics(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), block)
-        return jnp.stack([jnp.stack([point.v for point in at.points]), jnp.stack([point.u for point in at.points])])
-
-    v_q, u_q = jax.jacfwd(v_and_u)(jnp.zeros_like(like))
-    return v_q, u_q
 
 
 def step_report(

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.march.guards import any_of
+from jaxshroud.march.event import any_of
 from jaxshroud.march.locate import HermiteCubic, cubic_root, select
 from jaxshroud.model.arithmetic import Scalar, filled, is_zero, times, traced_once, where
 from jaxshroud.model.series import polynomial_value, polynomial_value_and_rate

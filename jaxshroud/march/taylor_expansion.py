@@ -17,17 +17,28 @@ from jaxtyping import Array, Int
 from numpy.polynomial.legendre import Legendre
 
 from jaxshroud.march.carry import Fixed, Lane
+from jaxshroud.march.event import switch_guards
 from jaxshroud.march.events import HEIGHT, LIFT, RUB, TURN, number_of, place_contact
-from jaxshroud.march.guards import switch_guards
 from jaxshroud.march.tableau import TOLERANCE_RANGE
 from jaxshroud.model.arithmetic import ZERO, Pair, Scalar, is_zero, sincos_turns, where
 from jaxshroud.model.contact_law import ContactLoads, LinearLaw, linear_law
 from jaxshroud.model.drive import Waves, drive_wave_rates, drive_wave_series, drive_waves
 from jaxshroud.model.geometry import Kinematics, Pose, contact_rates
-from jaxshroud.model.interface import EndTorques, Placement, placement
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.model.rhs import Ledger, Means, Moments, Recorded, end_torques_under, mean_square, rhs, rhs_at
+from jaxshroud.model.rhs import (
+    EndTorques,
+    Ledger,
+    Means,
+    Moments,
+    Placement,
+    Recorded,
+    end_torques_under,
+    mean_square,
+    placement,
+    rhs,
+    rhs_at,
+)
 from jaxshroud.model.series import Series, of_each, polynomial_value, rate_of, truncated
 from jaxshroud.scene.keys import Motion
 

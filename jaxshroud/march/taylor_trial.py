@@ -28,12 +28,11 @@ from jaxshroud.march.carry import (
     updated_lanes,
     updated_margins,
 )
-from jaxshroud.march.event import case_switches
+from jaxshroud.march.event import any_of, case_switches
 from jaxshroud.march.events import EVENTS, LIFT, happens, number_of
 from jaxshroud.march.extremes import ContactSeries, MotionSeries, deepest_penetration
-from jaxshroud.march.guards import any_of
 from jaxshroud.march.locate import at_event, select
-from jaxshroud.march.log import found_by_series, new_accumulator, updated_accumulator
+from jaxshroud.march.log import AcceptedTrial, found_by_series, new_accumulator, updated_accumulator
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Ending
 from jaxshroud.march.taylor_events import (
@@ -55,7 +54,6 @@ from jaxshroud.march.taylor_expansion import (
     taylor_expansion,
     without_derivatives,
 )
-from jaxshroud.march.trial import AcceptedTrial
 from jaxshroud.model.arithmetic import Scalar, is_zero, sincos_turns, where
 from jaxshroud.model.contact_law import linear_law
 from jaxshroud.model.drive import drive_waves

@@ -1,4 +1,4 @@
-"""The arithmetic of compiled loops: symbolic zeros, and sine and cosine as short polynomials."""
+"""The arithmetic of compiled loops: symbolic zeros, sine and cosine as short polynomials, and sums along rows."""
 
 import math
 import operator
@@ -248,3 +248,30 @@ def sincos_turns(turns: Scalar) -> tuple[Scalar, Scalar]:
     swap = (quarter == 1) | (quarter == 3)
     sine, cosine = where(swap, c, s), where(swap, s, c)
     return where(quarter >= 2, -sine, sine), where((quarter == 1) | (quarter == 2), -cosine, cosine)
+
+
+def left_of_interfaces(a: Array, closed: bool) -> Array:
+    """The numbers of the blade left of each interface."""
+    return a if closed else a[:-1]
+
+
+def right_of_interfaces(a: Array, closed: bool) -> Array:
+    """The numbers of the blade right of each interface."""
+    return jnp.roll(a, -1, 0) if closed else a[1:]
+
+
+def both_sides(tree: Any, closed: bool) -> Any:
+    """A tree of numbers of blades as one of pairs at interfaces."""
+
+    def sides(a):
+        return (a, a) if is_zero(a) else (left_of_interfaces(a, closed), right_of_interfaces(a, closed))
+
+    return jax.tree.map(sides, tree, is_leaf=is_zero)
+
+
+def sum_at_blades(on_left: Array, on_right: Array, closed: bool) -> Array:
+    """The sum of what its two interfaces add to each blade: on their left and on their right sides."""
+    if closed:
+        return on_left + jnp.roll(on_right, 1, 0)
+    none = jnp.zeros_like(on_left[:1])
+    return jnp.concatenate([on_left, none]) + jnp.concatenate([none, on_right])

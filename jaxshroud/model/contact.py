@@ -6,8 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxshroud.model.arithmetic import Pair, Scalar, blended, where
-from jaxshroud.model.face_points import FaceKinematics
-from jaxshroud.model.geometry import Case, ContactKinematics, Corners, is_upper, tip_is_left
+from jaxshroud.model.geometry import Case, ContactKinematics, Corners, FaceKinematics, is_upper, tip_is_left
 from jaxshroud.model.modes import FLAT
 
 

@@ -10,10 +10,17 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, summed
+from jaxshroud.model.arithmetic import (
+    ZERO,
+    Scalar,
+    is_zero,
+    left_of_interfaces,
+    right_of_interfaces,
+    sum_at_blades,
+    summed,
+)
 from jaxshroud.model.blade import BladeForces
-from jaxshroud.model.sides import left_of_interfaces, right_of_interfaces, sum_at_blades
-from jaxshroud.scene.coupling import Aero, Coupling
+from jaxshroud.scene.blades import Aero, Coupling
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene

@@ -11,9 +11,9 @@ from jaxtyping import Array, Complex, Float
 
 from jaxshroud.model.arithmetic import Scalar, sincos_turns, sine_versine, summed
 from jaxshroud.model.blade import inverse_of, matrix_rows, times_vector
-from jaxshroud.model.coupled_response import coupled_response
 from jaxshroud.model.drive import multiple_angle
 from jaxshroud.model.geometry import gyration
+from jaxshroud.model.linear_systems import coupled_response
 from jaxshroud.scene.drive import AnyLoad
 from jaxshroud.scene.fields import PerBlade
 from jaxshroud.scene.keys import Motion

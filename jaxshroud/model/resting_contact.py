@@ -9,10 +9,9 @@ from jaxshroud.cache.programs import kept
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.contact_law import SummedForces
 from jaxshroud.model.coupling import static_coupling
-from jaxshroud.model.face_points import FaceKinematics
-from jaxshroud.model.geometry import contact_kinematics, natural_case, pose
-from jaxshroud.model.interface import loaded_contact, torques_along_face
+from jaxshroud.model.geometry import FaceKinematics, contact_kinematics, natural_case, pose
 from jaxshroud.model.prepared import Model, State, has_torsion, prepared_model, touches_at_corners
+from jaxshroud.model.rhs import loaded_contact, torques_along_face
 from jaxshroud.model.row import pair_at
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import COORDINATES

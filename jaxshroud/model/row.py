@@ -23,7 +23,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxshroud.model.arithmetic import ZERO, is_zero
+from jaxshroud.model.arithmetic import ZERO, both_sides, is_zero, left_of_interfaces, right_of_interfaces, sum_at_blades
 from jaxshroud.model.blade import AnyBlade, BladeForces, blades_of_row
 from jaxshroud.model.coupling import (
     AeroMatrices,
@@ -37,7 +37,6 @@ from jaxshroud.model.coupling import (
 )
 from jaxshroud.model.drive import Excitation, excitation
 from jaxshroud.model.geometry import rotation
-from jaxshroud.model.interface import placement
 from jaxshroud.model.linear import StaticPosition, static_position
 from jaxshroud.model.modes import FLAT
 from jaxshroud.model.prepared import Model, State, prepared_model
@@ -52,9 +51,9 @@ from jaxshroud.model.rhs import (
     blade_mean_square,
     blade_works,
     contact_effects,
+    placement,
     position_at,
 )
-from jaxshroud.model.sides import both_sides, left_of_interfaces, right_of_interfaces, sum_at_blades
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import Parts
 from jaxshroud.scene.scene import Contact, Friction, Scene, Shroud

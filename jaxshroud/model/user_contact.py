@@ -1,19 +1,32 @@
-"""Contact by user laws, the functions that a scene holds as `scene.laws`.
+"""Contact by user laws, the functions that a scene holds as `scene.laws`, and the check that they are passive.
 
 Their internal state z is integrated with the motion in place of the slider. Contact lasts while they push.
 """
 
-from typing import ClassVar
+import math
+from collections.abc import Callable
+from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+import numpy as np
+from jaxtyping import Array, Bool, Float
 
 from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, where
 from jaxshroud.model.contact_law import ContactLaw, ContactPoint, GuardCrossing, LawForces, Modes, Slider
 from jaxshroud.model.geometry import AtPoint, RatesAtPoint
 from jaxshroud.model.modes import Mode
+from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.laws import Laws
+from jaxshroud.scene.layout import require_capability
+from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.typed import typed
+
+CYCLE_POINTS = 4000  # of a cycle through which a law is taken
+POWER_ROUNDING = 1e-9  # of the largest power, or energy, in a cycle
+FREQUENCIES = (1.0, 100.0)  # of cycles of the penetration, over that of the drive
+SLIDES = (1e-3, 1e-1, 1.0, 1e1, 1e3)  # of speeds of sliding, over that at which a block slides to and fro by the gap
+Samples = Float[Array, " points"]
 
 
 class UserContact(ContactLaw):
@@ -98,3 +111,146 @@ class UserContact(ContactLaw):
             return ZERO
         in_contact = (crossing.mode != Mode.APART) & (mode != Mode.APART)
         return where(in_contact, crossing.u_s, self.laws.z)
+
+
+class LawCycle(NamedTuple):
+    """What one law does in a cycle; the speed is that of approach, or of sliding."""
+
+    load: Samples  # penetration [m], or N [N]
+    speed: Samples  # [m/s]
+    force: Samples  # [N]
+    energy: Samples  # stored [J]
+    spare: Samples  # its spurious dependence on the speed or on N
+    loss: Samples  # power dissipated [W]
+
+
+class TestedLaw(NamedTuple):
+    """A law with its cycles, and the words in which its faults are told."""
+
+    name: str
+    cycle: Callable[..., LawCycle]
+    energy_of_nothing: Float[Array, ""]
+    nothing: str
+    depends_on: str
+    load_text: str
+
+
+@typed
+def check_laws(scene: Scene) -> None:
+    """Take the user laws of a scene through cycles of loading and sliding, and refuse laws that are not passive.
+
+    Each law is tested alone. The penetration rises from 0 to the gap's size and falls back, within a period of the
+    drive and within a hundredth of one. For friction it is N that rises from 0 to the largest normal force of these
+    cycles and falls back, within a period of the drive, while the blocks slide to and fro at speeds from a thousandth
+    to a thousand times that at which they would move by the gap.
+
+    Args:
+        scene: A scene `with_laws`.
+
+    Raises:
+        InputError: The scene has no user laws; or one of them, which is named, is not finite, stores energy where
+            nothing is pressed or bent, stores energy that depends on more than v or z, or returns more work than it has
+            received.
+
+    Example:
+        >>> import jax; jax.config.update("jax_enable_x64", True)
+        >>> import jaxshroud as js
+        >>> scene = js.load("table1").scene
+        >>> js.check_laws(js.with_laws(scene, js.Hertz(4e7)))
+        >>> js.check_laws(js.with_laws(scene, lambda v, v_t: (1e6 * v - 10 * v_t, 5e5 * v**2)))
+        Traceback (most recent call last):
+        ...
+        jaxshroud.scene.checks.InputError: The normal law gives out more work than it gets (v = 1.1e-05 m, -0.0059 m/s).
+    """
+    require_capability("`check_laws`", scene.layout)
+    laws = scene.laws
+    if not isinstance(laws, Laws):
+        raise InputError("This scene has no own laws; see js.with_laws.")
+    size, omega = jnp.abs(scene.running_shroud.gap) + 1e-9, scene.drive.omega
+    zero = jnp.zeros_like(omega)
+    normal = TestedLaw("normal", _normal_cycle, laws.normal(zero, zero)[1], "v = 0", "v", "v = {:.3g} m")
+    largest = zero
+    for frequency in FREQUENCIES:
+        cycle = normal.cycle(laws, size, frequency * omega)
+        _check_passive(normal, cycle)
+        largest = jnp.maximum(largest, jnp.max(cycle.force))
+    if laws.friction is None:
+        return
+    stored = laws.friction(laws.z, zero, zero)[2]
+    friction = TestedLaw("friction", _friction_cycle, stored, "the first z", "z", "N = {:.3g} N")
+    for slide in SLIDES:
+        _check_passive(friction, friction.cycle(laws, largest, omega, slide * 2 * size * omega))
+
+
+def _check_passive(law: TestedLaw, cycle: LawCycle) -> None:
+    """Raise InputError unless the law is finite and passive."""
+    values = jax.tree.map(np.asarray, cycle)
+    finite = np.asarray(np.isfinite([values.force, values.energy, values.loss]).all(axis=0))
+    what = f"The {law.name} law"
+
+    def place(faults: np.ndarray) -> str:
+        at = int(faults.argmax())
+        return f"({law.load_text.format(values.load[at])}, {values.speed[at]:.3g} m/s)"
+
+    if not finite.all():
+        raise InputError(f"{what} is not finite {place(~finite)}; mind quotients by what is 0 where contact begins.")
+    gained = -values.loss - POWER_ROUNDING * np.max(np.abs(values.force * values.speed))
+    if np.any(gained > 0):
+        raise InputError(f"{what} gives out more work than it gets {place(gained == gained.max())}.")
+    energies = POWER_ROUNDING * max(float(np.max(np.abs(values.energy))), 1e-30)
+    if abs(float(law.energy_of_nothing)) > energies:
+        raise InputError(f"{what} stores energy where nothing is pressed yet: that of {law.nothing} must be 0.")
+    if np.any(np.abs(values.spare) > energies):
+        raise InputError(f"The energy of the {law.name} law must depend on nothing but {law.depends_on}.")
+
+
+@jax.jit
+def _normal_cycle(laws: Laws, size: Float[Array, ""], omega: Float[Array, ""]) -> LawCycle:
+    """The normal law while the penetration rises to `size` and falls back once, at an angular frequency."""
+
+    def values(tau) -> LawCycle:
+        v, v_t = size * (1 - jnp.cos(tau)) / 2, size * omega * jnp.sin(tau) / 2
+        N, stored = laws.normal(v, v_t)
+        N = jnp.maximum(N, 0.0)
+        plain, power = jax.jvp(lambda v: laws.normal(v, jnp.zeros_like(v))[1], (v,), (v_t,))
+        return LawCycle(v, v_t, N, plain, stored - plain, N * v_t - power)
+
+    return jax.vmap(values)(_cycle_angles(omega))
+
+
+@jax.jit
+def _friction_cycle(laws: Laws, largest: Float[Array, ""], omega: Float[Array, ""], fastest) -> LawCycle:
+    """The friction law while N rises to `largest` and falls back once, and the blocks slide to and fro twice.
+
+    z follows by the linearly implicit Euler method, which stays finite where z is quick.
+    """
+    friction, z_shape = laws.friction, laws.z.shape
+    assert friction is not None
+    h = 2 * math.pi / CYCLE_POINTS / omega
+
+    def motion(tau):
+        return fastest * jnp.cos(2 * tau), largest * (1 - jnp.cos(tau)) / 2
+
+    def step(z, tau):
+        def rate(flat):
+            return jnp.ravel(friction(flat.reshape(z_shape), *motion(tau))[1])
+
+        flat = jnp.ravel(z)
+        system = jnp.eye(flat.size, dtype=flat.dtype) - h * jax.jacfwd(rate)(flat)
+        z = (flat + jnp.linalg.solve(system, h * rate(flat))).reshape(z_shape)
+        return z, z
+
+    def values(tau, z) -> LawCycle:
+        u_t, N = motion(tau)
+        F, z_t, stored = friction(z, u_t, N)
+        none = jnp.zeros_like(N)
+        plain, power = jax.jvp(lambda z: friction(z, none, none)[2], (z,), (z_t,))
+        return LawCycle(N, u_t, F, plain, stored - plain, F * u_t - power)
+
+    taus = _cycle_angles(omega)
+    _, states = jax.lax.scan(step, laws.z, taus[1:])
+    return jax.vmap(values)(taus, jnp.concatenate([laws.z[None], states]))
+
+
+def _cycle_angles(omega: Float[Array, ""]) -> Samples:
+    return jnp.arange(CYCLE_POINTS, dtype=omega.dtype) * (2 * math.pi / CYCLE_POINTS)

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxshroud.batch.cubics import hermite_coefficients
 from jaxshroud.batch.runs import sampled_motions
 from jaxshroud.batch.sampling import SampleGrid
+from jaxshroud.batch.stretches import hermite_coefficients
 from jaxshroud.batch.tangents import TangentProblem, Tangents
 from jaxshroud.orbits.batched_algorithms import Algorithm, Derivatives, stacked
 from jaxshroud.orbits.orbit import PeriodicOrbit

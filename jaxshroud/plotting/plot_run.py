@@ -1,6 +1,5 @@
 """Pictures of runs: the motion, and the contact over the last periods."""
 
-import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from textwrap import fill
 
@@ -13,7 +12,7 @@ from matplotlib.patches import Patch
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.plotting.page import Page, Panel, axis_limits, scale_of, title_of
 from jaxshroud.plotting.plot_blades import BLADE_PANELS
-from jaxshroud.plotting.run_data import ContactData, RunData, contact_data, mean_gap, run_data
+from jaxshroud.plotting.run_data import ContactData, RunData, contact_data, mean_gap, run_data, scene_number
 from jaxshroud.plotting.style import (
     BLUE,
     COLUMN_WIDTH,
@@ -126,7 +125,7 @@ def draw_path(panel: Axes, run: RunData) -> None:
         for m, place in enumerate(contact.places * PER_MILLI):
             own = contact.of_point(m)
             _draw_pieces(panel, own, own.t, np.full_like(own.t, place), own.pieces)
-    l_ab = _scene_number(run, "shroud", "l_ab")
+    l_ab = scene_number(run, "shroud", "l_ab")
     if l_ab is not None:
         for side in (-1, 1):
             panel.axhline(side * l_ab / 2 * PER_MILLI, color=GREY, lw=0.6, ls="--")
@@ -136,7 +135,7 @@ def draw_path(panel: Axes, run: RunData) -> None:
 def draw_forces(panel: Axes, run: RunData) -> None:
     """The normal force and the friction force over time, with the limits at which contact slips."""
     contact = contact_data(run)
-    mu = _scene_number(run, "friction", "mu")
+    mu = scene_number(run, "friction", "mu")
     if mu:
         panel.fill_between(contact.t, -mu * contact.N, mu * contact.N, color=SKY, alpha=0.35, lw=0, label=r"$\pm\mu N$")
     panel.plot(contact.t, contact.N, color=INK, lw=0.8, label="$N$")
@@ -185,12 +184,6 @@ def _draw_pieces(panel: Axes, contact: ContactData, x: PlotArray, y: PlotArray, 
         color = MODE_STYLES[Mode(mode)][1] if mode in MODE_STYLES else GREY
         style: Properties = {"color": color, "lw": 0.5 if mode == Mode.APART else 1.0, "solid_capstyle": "round"}
         panel.plot(*np.concatenate(points, axis=1), **style)
-
-
-def _scene_number(run: RunData, table: str, name: str) -> float | None:
-    """A number of the run's scene; None if the file does not have it."""
-    value = tomllib.loads(str(run.ds.attrs.get("scene", ""))).get(table, {}).get(name)
-    return float(value) if isinstance(value, int | float) else None
 
 
 def run_page(

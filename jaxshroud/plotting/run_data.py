@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -18,9 +18,6 @@ from jaxshroud.plotting.style import BoolArray, IntegerArray, PlotArray
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.point_numbers import evenly_spaced
 from jaxshroud.signals.spectrum import repeats_after
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 CONTACT = ("N", "F", "v", "u", "contact_point", "mode", "case", "point_mode", "point_F")
 FEWEST_SAMPLES = 20  # samples of a period in which contact can be seen
@@ -115,6 +112,12 @@ def _segments(changed: BoolArray) -> list[slice]:
     """The parts of samples between those after which something has `changed`."""
     ends = [0, *(np.flatnonzero(changed) + 1).tolist(), len(changed) + 1]
     return [slice(a, b) for a, b in pairwise(ends)]
+
+
+def scene_number(run: RunData, table: str, name: str) -> float | None:
+    """A number of the run's scene; None if the file does not have it."""
+    value = tomllib.loads(str(run.ds.attrs.get("scene", ""))).get(table, {}).get(name)
+    return float(value) if isinstance(value, int | float) else None
 
 
 def places_of_points(ds: xr.Dataset) -> PlotArray | None:

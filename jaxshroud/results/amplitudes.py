@@ -1,16 +1,21 @@
-"""The amplitudes of motions and the loads of contact, as results hold them."""
+"""The amplitudes of motions, the loads of contact and its states, as results hold them."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from jaxshroud.io.variable import Variable
+from jaxshroud.scene.keys import Motion
+
+if TYPE_CHECKING:
+    from jaxshroud.model.prepared import State
 
 MEAN, RMS = "mean of {}", "root mean square of {} about its mean"
 PEAK = "amplitude of {}: its largest distance from its mean, between steps too"
 FREE = "amplitude of {} without contact, closed form"
 EACH = ("interface",)
+AT_POINTS = ("interface", "point")  # the dimensions of what is told of each point
 
 
 class WithAmplitudes:
@@ -76,3 +81,26 @@ def largest_of_lanes(ok: np.ndarray, quantities: Mapping[str, np.ndarray | None]
         return np.reshape(ok, np.shape(ok) + (1,) * (np.ndim(a) - np.ndim(ok)))
 
     return {name: float(np.max(a, where=counted(a), initial=0.0)) for name, a in quantities.items() if a is not None}
+
+
+def contact_values(state: "State", prefix: str = "") -> dict[str, Any]:
+    """The slider, the mode and the case of a state by the names of results, which begin with a `prefix`."""
+    from jaxshroud.model.points_contact import by_point, interface_mode
+
+    mode, case, u_s = np.asarray(state.mode), np.asarray(state.case), np.asarray(state.u_s)
+    if mode.ndim == case.ndim:
+        told = {"u_s": u_s, "mode": mode, "case": case}
+    else:
+        of_face = np.asarray(interface_mode(by_point(mode, case)))
+        told = {"mode": of_face, "case": case, "point_u_s": u_s, "point_mode": mode}
+    return {f"{prefix}{name}": value for name, value in told.items()}
+
+
+def stored_state(result: Any, motion: Motion, place: Any = ...) -> "State":
+    """The state that a result holds under the names of `contact_values`, at a place of its arrays."""
+    from jaxshroud.model.prepared import State
+
+    u_s, mode = result.u_s, result.mode
+    if result.point_mode is not None:
+        u_s, mode = result.point_u_s, result.point_mode
+    return State(motion, np.asarray(u_s)[place], np.asarray(mode)[place], np.asarray(result.case)[place])

@@ -8,8 +8,8 @@ import numpy as np
 from jaxshroud.io.lane_status import FLAGS
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, ComplexVariable, Entry, MotionVariable, Variable
+from jaxshroud.results.amplitudes import contact_values
 from jaxshroud.results.base import Result
-from jaxshroud.results.contact_state import contact_values
 from jaxshroud.scene.keys import Motion
 from jaxshroud.signals.effects import between, with_interval
 

@@ -10,9 +10,8 @@ from jaxshroud.io.scene_numbers import key_attrs
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, ComplexVariable, MotionVariable, Variable
 from jaxshroud.model.modes import BIFURCATION_KINDS, MULTIPLIER_KINDS, WAVE_RESIDUAL
-from jaxshroud.results.amplitudes import WithAmplitudes
+from jaxshroud.results.amplitudes import WithAmplitudes, contact_values, stored_state
 from jaxshroud.results.base import Result
-from jaxshroud.results.contact_state import contact_values, stored_state
 from jaxshroud.results.orbit import component_names
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.typed import typed

@@ -9,8 +9,8 @@ from jaxshroud.io.lane_status import FLAGS, status_name
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, ComplexVariable, MotionVariable, Variable, lanes_in_shape, lanes_in_words
 from jaxshroud.model.modes import Status
+from jaxshroud.results.amplitudes import contact_values, stored_state
 from jaxshroud.results.base import Labels, Result
-from jaxshroud.results.contact_state import contact_values, stored_state
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.typed import typed
 from jaxshroud.signals.effects import NOT_RESOLVED, STUCK_SLIDER, exponent_text

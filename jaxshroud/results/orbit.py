@@ -17,9 +17,8 @@ from jaxshroud.io.variable import (
     lanes_in_shape,
     lanes_in_words,
 )
-from jaxshroud.results.amplitudes import WithAmplitudes
+from jaxshroud.results.amplitudes import AT_POINTS, WithAmplitudes, contact_values, stored_state
 from jaxshroud.results.base import Labels, Result
-from jaxshroud.results.contact_state import AT_POINTS, contact_values, stored_state
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import PAIR, Layout

@@ -15,13 +15,13 @@ from pydantic import TypeAdapter, ValidationError
 from jaxshroud.scene.checks import SceneError, did_you_mean, fail, hint, toml_text
 from jaxshroud.scene.derived_inputs import BLOCK, DerivedInput, check_order, inputs_by_key, inputs_in
 from jaxshroud.scene.file import Axis, SceneFile, table_values
-from jaxshroud.scene.harmonics import flattened, resolve_orders
 from jaxshroud.scene.keys import ALL_KEYS, KEYS, Key, key_in
 from jaxshroud.scene.layout import PAIR, Layout, layout_with
 from jaxshroud.scene.load_table import resolve_table
 from jaxshroud.scene.messages import first_problem, problem_text
+from jaxshroud.scene.nested_tables import flattened, resolve_orders
 from jaxshroud.scene.overrides import axes, axis, check_is_no_speed, override
-from jaxshroud.scene.point_entries import with_place_entries
+from jaxshroud.scene.point_numbers import with_place_entries
 from jaxshroud.scene.replacing import plain_numbers
 from jaxshroud.scene.schema import PHYSICS_TABLES, ROW_TYPE, TABLE_MODELS, numbers_type, scene_file_type
 from jaxshroud.scene.shipped import aliases, shipped, shipped_paths

@@ -1,4 +1,4 @@
-"""The drive of a scene: its frequency, and its force and moment on each blade by harmonics."""
+"""The drive of a scene: its frequency, its force and moment on each blade by harmonics, and their engine order."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -6,6 +6,8 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import numpy as np
+from numpy.typing import ArrayLike
 
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.fields import PerBlade, per_blade, scalar
@@ -15,7 +17,7 @@ from jaxshroud.scene.valid import check_given, check_numbers
 
 FIELDS_OF_LOADS = {"x": "F_x", "y": "F_y", "theta": "M_0"}  # of the coordinates
 SINGLE_KEYS = tuple(f"drive.{name}" for name in SINGLE_LOADS)
-
+PHASE_ROUNDING = 1e-9  # [rad] by which phases may miss those of an engine order
 
 KeptLoad = Callable[[Any], Any]
 
@@ -310,3 +312,19 @@ class Drive(eqx.Module):
         if self.harmonic is None:
             return [(self.F_0, self.M_0)]
         return [one.amplitudes if isinstance(one, ComplexHarmonic) else (one.F, one.M) for one in self.harmonic]
+
+
+def order_of_drive(drive: Drive) -> int | None:
+    """The engine order modulo N of a row with this drive: harmonic n has n times its phases; None if there is none."""
+    orders = {n: order_of_phases(one.phase) for n, one in drive.harmonics().items()}
+    N = np.shape(drive.phase)[-1]
+    return next((e for e in range(N) if all(order == n * e % N for n, order in orders.items())), None)
+
+
+def order_of_phases(phase: ArrayLike) -> int | None:
+    """The engine order modulo N of a row with the phases (N,) of its drive; None where they are those of none."""
+    phase = np.asarray(phase, float)
+    N = len(phase)
+    order = round(N * (phase[1] - phase[0]) / math.tau) % N
+    miss = phase - phase[0] - math.tau * order * np.arange(N) / N
+    return None if np.max(np.abs(miss - math.tau * np.round(miss / math.tau))) > PHASE_ROUNDING else order

@@ -10,8 +10,8 @@ import tomli_w
 
 from jaxshroud.scene.checks import fail
 from jaxshroud.scene.derived_inputs import in_tables, same_quantity
-from jaxshroud.scene.harmonics import nested
 from jaxshroud.scene.layout import Direction, Layout, reading_text
+from jaxshroud.scene.nested_tables import nested
 from jaxshroud.scene.replacing import layout_of
 from jaxshroud.scene.schema import RunTable, Table
 from jaxshroud.scene.speed import without_zeros

@@ -1,16 +1,20 @@
-"""Rules of scene files that concern several entries, and points of contact as a file gives them."""
+"""Rules of scene files that concern several entries, and entries that a file gives in forms of their own."""
 
 from typing import Any
 
 import numpy as np
 from pydantic_core import PydanticCustomError
 
+from jaxshroud.scene.checks import did_you_mean
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import (
+    ACCURACIES,
     AERO_FORCES,
     COUPLED_WITHOUT_CONTACT,
+    MOTIONS,
     SPRUNG,
     Layout,
+    Sector,
     require_capability,
     require_parts,
 )
@@ -105,3 +109,24 @@ def shares_in_file(value: Any) -> Any:
     if not isinstance(value, list | tuple) or not value or not are_numbers(list(value)):
         raise ValueError("must be a list with a number for each point")
     return [float(one) for one in value]
+
+
+def coordinates_in_file(value: Any) -> Any:
+    """The coordinates in which blocks move, from a file."""
+    if not isinstance(value, list | tuple) or tuple(value) not in MOTIONS:
+        raise ValueError('must be ["x"], ["x", "y"] or ["x", "y", "theta"]')
+    return tuple(value)
+
+
+def accuracy_in_file(value: Any) -> Any:
+    """An accuracy, by its name or as a number, from a file."""
+    named = isinstance(value, str) and value in ACCURACIES
+    if not named and (isinstance(value, bool | str) or not 0.999e-10 <= value <= 1.001e-2):
+        cure = did_you_mean(value, ACCURACIES) if isinstance(value, str) else ""
+        raise ValueError(f"must be {', '.join(ACCURACIES)} or a number from 1e-10 to 1e-2{cure}")
+    return value
+
+
+def sector_in_file(sector: Sector | None) -> Sector | None:
+    """How a ring is marched, from a file; None: whole."""
+    return None if sector == "whole" else sector

@@ -44,7 +44,26 @@ MAX_ORDER = 99  # of a harmonic
 MIN_BLADES, MAX_BLADES = 2, 512  # of a row
 TABLES_IN_ROW = ("coupling", "aero")  # that may stand in [row]
 
-
+COUPLING_KEYS = tuple(
+    interface_key(
+        f"coupling.{symbol}_{name}",
+        unit,
+        FROM_0,
+        f"{symbol}_{{c,{name}}}",
+        f"coupling {words}",
+        example,
+        f"{words} between neighbours {way}",
+        None,
+    )
+    for symbol, words, name, way, unit, example in (
+        ("k", "stiffness", "x", "along x", "N/m", "2e4 N/m"),
+        ("k", "stiffness", "y", "along y", "N/m", "2e4 N/m"),
+        ("k", "stiffness", "T", "in torsion", "N m/rad", "50 N m/rad"),
+        ("c", "damping", "x", "along x", "N s/m", "1 N s/m"),
+        ("c", "damping", "y", "along y", "N s/m", "1 N s/m"),
+        ("c", "damping", "T", "in torsion", "N m s/rad", "0.01 N m s/rad"),
+    )
+)
 SCENE_KEYS = (
     # name, unit, range, symbol, label of an axis, example, meaning (if different), default (if any)
     blade_key("blades.m", "kg", POSITIVE, "m", "mass", "0.08 kg"),
@@ -56,15 +75,9 @@ SCENE_KEYS = (
     blade_key("blades.c_y", "N s/m", FROM_0, "c_y", "damping", "19.6 N s/m", "damping in y"),
     blade_key("blades.c_T", "N m s/rad", FROM_0, "c_T", "torsion damping", "0.506 N m s/rad"),
     blade_key("blades.m_y", "kg", POSITIVE, "m_y", "mass in y", "0.08 kg", "mass against motion in y", default=None),
-    blade_key(
-        "blades.B_x", "", ANY, "B_x", "growth with speed", 1.1, "growth of k_x, by m times speed^2", default=None
-    ),
-    blade_key(
-        "blades.B_y", "", ANY, "B_y", "growth with speed", 1.1, "growth of k_y, by m times speed^2", default=None
-    ),
-    blade_key(
-        "blades.B_T", "", ANY, "B_T", "growth with speed", 0.5, "growth of k_T, by I times speed^2", default=None
-    ),
+    blade_key("blades.B_x", "", ANY, "B_x", "growth with speed", 1.1, "growth of k_x, by m times speed^2", None),
+    blade_key("blades.B_y", "", ANY, "B_y", "growth with speed", 1.1, "growth of k_y, by m times speed^2", None),
+    blade_key("blades.B_T", "", ANY, "B_T", "growth with speed", 0.5, "growth of k_T, by I times speed^2", None),
     scene_key(
         "shroud.alpha", "rad", FACE, r"\alpha", "shroud angle", "60 deg", "acute angle of the block, at most pi/2"
     ),
@@ -82,66 +95,7 @@ SCENE_KEYS = (
     interface_key("contact.width", "m", POSITIVE, "w", "width of smooth contact", "0.1 um", default=None),
     interface_key("friction.k_d", "N/m", FROM_0, "k_d", "friction stiffness", "1e6 N/m", "tangential stiffness"),
     interface_key("friction.mu", "", FROM_0, r"\mu", "friction coefficient", 0.5),
-    interface_key(
-        "coupling.k_x",
-        "N/m",
-        FROM_0,
-        "k_{c,x}",
-        "coupling stiffness",
-        "2e4 N/m",
-        "stiffness between neighbours along x",
-        None,
-    ),
-    interface_key(
-        "coupling.k_y",
-        "N/m",
-        FROM_0,
-        "k_{c,y}",
-        "coupling stiffness",
-        "2e4 N/m",
-        "stiffness between neighbours along y",
-        None,
-    ),
-    interface_key(
-        "coupling.k_T",
-        "N m/rad",
-        FROM_0,
-        "k_{c,T}",
-        "coupling stiffness",
-        "50 N m/rad",
-        "stiffness between neighbours in torsion",
-        None,
-    ),
-    interface_key(
-        "coupling.c_x",
-        "N s/m",
-        FROM_0,
-        "c_{c,x}",
-        "coupling damping",
-        "1 N s/m",
-        "damping between neighbours along x",
-        None,
-    ),
-    interface_key(
-        "coupling.c_y",
-        "N s/m",
-        FROM_0,
-        "c_{c,y}",
-        "coupling damping",
-        "1 N s/m",
-        "damping between neighbours along y",
-        None,
-    ),
-    interface_key(
-        "coupling.c_T",
-        "N m s/rad",
-        FROM_0,
-        "c_{c,T}",
-        "coupling damping",
-        "0.01 N m s/rad",
-        "damping between neighbours in torsion",
-        None,
-    ),
+    *COUPLING_KEYS,
     scene_key(
         "drive.omega",
         "rad/s",
@@ -241,8 +195,6 @@ COMPLEX_KEYS = {  # of a harmonic by complex amplitudes, in the place of these: 
     for part, told in (("re", "with the sine"), ("im", "with the cosine"))
 }
 OF_HARMONIC = {**HARMONIC_KEYS, **COMPLEX_KEYS}
-
-
 PLACE_KEY = scene_key("contact.place", "m", ANY, "s_{%s}", "place", "17.5 mm", "place up the face from its middle")
 
 

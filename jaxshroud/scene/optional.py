@@ -13,7 +13,7 @@ from jaxshroud.scene.keys import (
     SINGLE_LOADS,
     keys_of_table,
 )
-from jaxshroud.scene.point_entries import no_place, place_count
+from jaxshroud.scene.point_numbers import no_place, place_count
 from jaxshroud.scene.speed import GROWTHS, UNTWIST
 
 NO_WIDTH = "The scene's contact is not smooth: it has no width."

@@ -9,7 +9,6 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from jaxshroud.scene.checks import MAX_VALUES, fail, toml_text
-from jaxshroud.scene.coupling_tables import COEFFICIENTS, parts_of_coefficient
 from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, alternative_keys, check_known
 from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.scene.keys import (
@@ -26,8 +25,9 @@ from jaxshroud.scene.keys import (
 )
 from jaxshroud.scene.layout import Layout, layout_with
 from jaxshroud.scene.messages import problem_text
+from jaxshroud.scene.nested_tables import COEFFICIENTS, parts_of_coefficient
 from jaxshroud.scene.optional import WITHOUT_EFFECT, require_number
-from jaxshroud.scene.point_entries import no_place
+from jaxshroud.scene.point_numbers import no_place
 from jaxshroud.scene.replacing import STIFFNESS_KEYS
 from jaxshroud.scene.schema import TABLE_MODELS, RowTable, SweepTable, number_type, row_table_of
 from jaxshroud.scene.speed import keys_in, replaced_by

@@ -8,12 +8,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxshroud.cache.programs import is_traced
-from jaxshroud.scene.point_entries import place_entry
 from jaxshroud.scene.point_numbers import (
     check_number_of_points,
     check_places,
     check_shares,
     evenly_spaced,
+    place_entry,
     shares_of,
     trapezoidal_shares,
 )

@@ -8,9 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.cache.programs import is_traced
-from jaxshroud.scene.blades import BladeMatrices, Blades
+from jaxshroud.scene.blades import Aero, BladeMatrices, Blades, Coupling
 from jaxshroud.scene.checks import InputError, type_argument, word_argument
-from jaxshroud.scene.coupling import Aero, Coupling
 from jaxshroud.scene.drive import Drive
 from jaxshroud.scene.fields import PerBlade, per_blade, scalar
 from jaxshroud.scene.keys import (

@@ -24,13 +24,16 @@ from pydantic import (
     model_validator,
 )
 
-from jaxshroud.scene.checks import DEFAULT_TRANSIENT, MAX_AUTO_STEPS, MAX_COUNT, did_you_mean
+from jaxshroud.scene.checks import DEFAULT_TRANSIENT, MAX_AUTO_STEPS, MAX_COUNT
 from jaxshroud.scene.file_rules import (
+    accuracy_in_file,
+    coordinates_in_file,
     coupling_is_of_its_layout,
     one_stiffness,
     parts_are_of_its_layout,
     points_are_of_their_face,
     points_in_file,
+    sector_in_file,
     shares_in_file,
     smooth_has_a_width,
     static_start_has_no_motion,
@@ -53,7 +56,6 @@ from jaxshroud.scene.keys import (
     number_shape,
 )
 from jaxshroud.scene.layout import (
-    ACCURACIES,
     MOTIONS,
     PAIR,
     SECTOR_OF_CHAIN,
@@ -190,10 +192,6 @@ def _one_per_blade(value: Any, info: Any) -> Any:
     )
 
 
-def _unless_whole(sector: Sector | None) -> Sector | None:
-    return None if sector == "whole" else sector
-
-
 class RowTable(Table):
     """A row of blades in place of the pair."""
 
@@ -206,7 +204,7 @@ class RowTable(Table):
     ] = 0.0
     sector: Annotated[
         Sector | None,
-        AfterValidator(_unless_whole),
+        AfterValidator(sector_in_file),
         key("march a ring by the fewest blades after which it repeats, or whole", "auto"),
     ] = None
 
@@ -222,29 +220,15 @@ class RowTable(Table):
         return row_layout(self.blades, self.closed)
 
 
-def _coordinates(value: Any) -> Any:
-    if not isinstance(value, list | tuple) or tuple(value) not in MOTIONS:
-        raise ValueError('must be ["x"], ["x", "y"] or ["x", "y", "theta"]')
-    return tuple(value)
-
-
 class PartsTable(Table):
     """The parts of the model of the scene; by default the full model."""
 
-    motion: Annotated[tuple[str, ...], BeforeValidator(_coordinates), key("coordinates of a block", ["x", "y"])] = (
-        MOTIONS[-1]
-    )
+    motion: Annotated[
+        tuple[str, ...], BeforeValidator(coordinates_in_file), key("coordinates of a block", ["x", "y"])
+    ] = MOTIONS[-1]
     neighbour: Annotated[Neighbour, key("the right block: a blade, or at rest", "rigid")] = "blade"
     friction: Annotated[FrictionPart, key("law of friction", "none")] = "bilinear"
     contact: Annotated[ContactPart, key("law of contact", "smooth")] = "spring"
-
-
-def _accuracy(value: Any) -> Any:
-    named = isinstance(value, str) and value in ACCURACIES
-    if not named and (isinstance(value, bool | str) or not 0.999e-10 <= value <= 1.001e-2):
-        cure = did_you_mean(value, ACCURACIES) if isinstance(value, str) else ""
-        raise ValueError(f"must be {', '.join(ACCURACIES)} or a number from 1e-10 to 1e-2{cure}")
-    return value
 
 
 class RunTable(Table):
@@ -257,7 +241,7 @@ class RunTable(Table):
     ] = None
     accuracy: Annotated[
         str | float | None,
-        BeforeValidator(_accuracy),
+        BeforeValidator(accuracy_in_file),
         key("fast, balanced, reference or a number, instead", "fast"),
     ] = None
 
@@ -298,17 +282,13 @@ class SweepTable(Table):
 
 
 READING = (Annotated[frozenset[str], BeforeValidator(misprints), key("misprints kept", "consistent")], frozenset())
-
-
 _POINTS_KEY = key("points of contact of a face: how many, or where", 2)
 _SHARES_KEY = key("share of the stiffnesses of each point", [0.5, 0.5])
+_REST_KEY = key("with friction as loads from rest leave it", "from rest")
 POINTS = (Annotated[Annotated[Any, BeforeValidator(points_in_file)] | None, _POINTS_KEY], None)
 POINT_SHARES = (Annotated[Annotated[Any, BeforeValidator(shares_in_file)] | None, _SHARES_KEY], None)
 START = (Annotated[Literal["static"] | None, key("start in the static equilibrium instead", "static")], None)
-START_FRICTION = (
-    Annotated[Literal["from rest"] | None, key("with friction as loads from rest leave it", "from rest")],
-    None,
-)
+START_FRICTION = (Annotated[Literal["from rest"] | None, _REST_KEY], None)
 TITLE = Annotated[str, key("what the scene shows, in one line", "Fig. 9", pattern=r"^[\P{Cc}\t]*$")]
 
 

@@ -51,6 +51,12 @@ def without_zeros(entries: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in entries.items() if name not in growths or np.any(value)}
 
 
+def engine_order_of(scene: object) -> float | None:
+    """The engine order by which a scene is given; None where only the frequency of its drive is known."""
+    order = getattr(scene, "given", {}).get("drive.engine_order")
+    return None if order is None else float(order)
+
+
 def check_speed(numbers: Mapping[str, Any], given: Mapping[str, Any], blades: int, where: str = "") -> None:
     """Raise a SceneError, which begins with `where`, unless what depends on the speed of a scene can be worked out.
 

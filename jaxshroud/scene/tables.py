@@ -5,13 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from jaxshroud.scene.blades import Blades
-from jaxshroud.scene.coupling import Aero, Coupling
+from jaxshroud.scene.blades import Aero, Blades, Coupling
 from jaxshroud.scene.drive import ComplexHarmonic, Drive, Harmonic
 from jaxshroud.scene.keys import ALL_KEYS, SINGLE_LOADS, Motion, number_shape
 from jaxshroud.scene.layout import Layout, Parts, Start, layout_with
 from jaxshroud.scene.optional import split_harmonics
-from jaxshroud.scene.point_entries import with_listed_places
+from jaxshroud.scene.point_numbers import with_listed_places
 from jaxshroud.scene.points import ContactPoints
 from jaxshroud.scene.scene import Contact, Friction, Row, Scene, Shroud
 

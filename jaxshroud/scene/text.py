@@ -10,9 +10,9 @@ import tomli_w
 
 from jaxshroud.scene.derived_inputs import in_given_form, in_tables
 from jaxshroud.scene.drive import Drive
-from jaxshroud.scene.harmonics import flattened, nested
 from jaxshroud.scene.keys import Key
 from jaxshroud.scene.layout import reading_text
+from jaxshroud.scene.nested_tables import flattened, nested
 from jaxshroud.scene.overrides import literal
 from jaxshroud.scene.replacing import plain_numbers
 from jaxshroud.scene.scene import Scene

@@ -1,4 +1,7 @@
-"""The amplitudes of motions, the loads of contact and the quantities of `Quantity` over the kept periods."""
+"""The amplitudes of motions, the loads of contact and the quantities of `Quantity` over the kept periods.
+
+Which reduction counts where none is asked for depends on whether blades are pressed or bent at rest.
+"""
 
 import math
 from collections.abc import Callable
@@ -7,15 +10,24 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.batch.cubics import SampledAmplitudes
 from jaxshroud.batch.periods import LANES_PER_CALL, Sample
+from jaxshroud.batch.stretches import SampledAmplitudes
 from jaxshroud.batch.threads import in_chunks
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.cache.programs import kept
 from jaxshroud.model.linear import area, free_power, free_reach, power_reduction, steady_amplitudes
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.quantities import DISPLACEMENTS, Quantity, amplitude_of, counted_amplitude, is_reduction
+from jaxshroud.scene.optional import MEAN_LOADS
+from jaxshroud.scene.quantities import (
+    DISPLACEMENTS,
+    Quantity,
+    RequiredReduction,
+    amplitude_of,
+    counted_amplitude,
+    is_reduction,
+)
 from jaxshroud.scene.scene import Scene, without_given
+from jaxshroud.scene.vary import fields_of
 from jaxshroud.signals.averages import averages, closed_forms, half_diagonal
 
 
@@ -189,6 +201,18 @@ def is_comparable(of: str, scene: Scene) -> bool:
     """Whether `of` of a single scene is compared with a power that is neither 0 nor infinite."""
     P_0 = compared_powers(of, scene)
     return bool(np.all((P_0 > 0) & np.isfinite(P_0)))
+
+
+def is_preloaded(scene: Scene) -> bool:
+    """Whether there is a mean load or interference in a scene, or in some of many."""
+    numbers = fields_of(scene)
+    loaded = any(np.any(np.asarray(numbers[key])) for key in MEAN_LOADS if key in numbers)
+    return loaded or (scene.parts.contact != "none" and bool(np.any(np.asarray(scene.running_shroud.gap) < 0)))
+
+
+def counted_reduction(scene: Scene) -> RequiredReduction:
+    """The reduction that counts where none is asked for: of a preloaded scene that of the vibration about its mean."""
+    return "P_d_vibration" if is_preloaded(scene) else "P_d"
 
 
 def check_vibration(of: str, scenes: Scene, lanes: Callable[[Any], Any] = np.any) -> None:

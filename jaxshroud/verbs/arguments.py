@@ -1,22 +1,38 @@
-"""The arguments that verbs have in common: the leading axes of scenes, and what is refused at once."""
+"""The arguments that verbs have in common, resolved: the argument, else the [run] of the scene file, else the default.
 
+Their scenes may have leading axes. What no verb takes is refused at once.
+"""
+
+import warnings
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.batch.states import initial_states
 from jaxshroud.cache.programs import is_traced
-from jaxshroud.model.prepared import State
-from jaxshroud.scene.checks import InputError, count_argument
+from jaxshroud.io.lane_status import AccuracyWarning
+from jaxshroud.io.scene_numbers import scene_differences
+from jaxshroud.io.variable import jax_lane_arrays
+from jaxshroud.march.method import Method, StepCount
+from jaxshroud.march.method_names import TABLEAUS
+from jaxshroud.model.prepared import State, law_type
+from jaxshroud.scene.checks import DEFAULT_TRANSIENT, InputError, count_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import ALL_KEYS, number_shape
 from jaxshroud.scene.layout import NO_CONTACT, require_capability, require_points, require_steps
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.schema import RunTable
 from jaxshroud.scene.sector import require_sector
-from jaxshroud.scene.text import numbers_of
+from jaxshroud.scene.text import numbers_of, text_of
 from jaxshroud.scene.typed import Tree
+from jaxshroud.scene.valid import in_precision
+from jaxshroud.verbs.asked import Asked, MethodArgument, accuracy_level, choice_without_trial, is_tried
+
+N_PERIODS = 64  # kept periods, unless the argument or the scene file says otherwise
+LaneVariable = tuple[tuple[str, ...], np.ndarray, dict[str, str]]  # dimensions, values, attributes
 
 
 def check_verb(verb: str, scene: Scene | SceneFile) -> None:
@@ -124,3 +140,149 @@ def in_shape(values: Any, shape: tuple[int, ...]) -> Any:
     if isinstance(values, dict):
         return {name: in_shape(value, shape) for name, value in values.items()}  # jax.tree would sort them
     return jax.tree.map(lambda a: np.asarray(a).reshape((*shape, *np.shape(a)[1:])), values)
+
+
+class ResolvedOptions(NamedTuple):
+    """Scenes, and the resolved values of the arguments that all verbs share."""
+
+    scene: Scene  # as given, with or without leading axes
+    shape: tuple[int, ...]  # of the leading axes; () of a single scene
+    dims: tuple[str, ...]
+    file: SceneFile | None
+    n_periods: int
+    transient: int
+    asked: Asked
+
+    @property
+    def accuracy(self) -> float | None:
+        """The accuracy that chooses the method: the one given, else the default; None where nothing is chosen."""
+        return self.asked.level if _is_examined(self.scene) else None
+
+    @property
+    def lanes(self) -> Scene:
+        """The scenes with one leading axis."""
+        return flatten_lanes(self.scene, len(self.shape))
+
+    @property
+    def scenes(self) -> list[Scene]:
+        """The scene of each lane, as given."""
+        return [jax_lane_arrays(self.scene, lane) for lane in np.ndindex(self.shape)] if self.shape else [self.scene]
+
+    def states(self, state: State | None, lanes: Scene) -> State:
+        """The initial states of lanes (leading axis): those given, one for all or one per lane, else the scenes' own.
+
+        Raises:
+            InputError: The state has other leading axes than the scenes.
+        """
+        if state is None:
+            return initial_states(lanes)
+        of_contact = len(lanes.layout.interface_shape) + (lanes.contact.points is not None)
+        without_interfaces = np.ndim(state.u_s) - of_contact
+        shape = np.shape(state.u_s)[:without_interfaces]
+        precise: State = in_precision(state, "float64" if lanes.drive.omega.dtype == float else "float32")
+        if shape and shape != self.shape:
+            raise InputError(f"Argument `state` has leading axes {shape}, but the scenes have {self.shape}.")
+        flat = flatten_lanes(precise, len(shape))
+        lanes_per_state = len(lanes.drive.omega) // max(len(flat.u_s), 1)
+        return jax.tree.map(lambda a: np.repeat(np.asarray(a), lanes_per_state, axis=0), flat)
+
+    def provenance(self, transient: int, steps: int) -> tuple[dict[str, str], dict[str, LaneVariable]]:
+        """The attributes that say which scene a result is of, and the numbers in which its scenes differ."""
+        run = {"periods": self.n_periods, "transient": transient, **self._march_entry(steps)}
+        if self.file is None:
+            first = jax.tree.map(lambda a: np.asarray(a)[0], self.lanes)
+            attributes = {"title": "", "scene": text_of(first, run)}
+        else:
+            attributes = {"title": self.file.title, "scene": self.file.text(run), "source": self.file.name}
+        return attributes, scene_differences(self.scene, self.shape, self.dims)
+
+    def _march_entry(self, steps: int) -> dict[str, StepCount | float]:
+        """The entry of [run] that says how it was marched."""
+        if self.accuracy is not None:
+            return {"accuracy": self.accuracy}
+        return {"steps_per_period": self.asked.steps or steps}
+
+
+def resolve_options(
+    scene: Scene | SceneFile,
+    *,
+    n_periods: int | None = None,
+    transient: int | None = None,
+    method: MethodArgument = None,
+    dims: Sequence[str] | None = None,
+    of_sweep: bool = False,
+    verb: str = "",
+) -> ResolvedOptions:
+    """Resolve the arguments that all verbs share: the argument, else the file's [run], else the default.
+
+    An accuracy of the file is one of located contact: contact of another kind is marched by "auto" steps.
+
+    Args:
+        scene: A scene, scenes with leading axes, or a scene file.
+        n_periods: Drive periods kept.
+        transient: Drive periods run and discarded first.
+        method: How to march: a method, or the accuracy that chooses one.
+        dims: Names of the leading axes.
+        of_sweep: Take the kept periods from the file's [sweep] keep instead of its [run] periods.
+        verb: The verb that is asked; "" where that is known to take the scene.
+
+    Raises:
+        InputError: Leading axes disagree, `dims` names a different number of them, or the verb does not know scenes of
+            this layout.
+        ValueError: A count is too small.
+    """
+    check_verb(verb, scene)
+    file = scene if isinstance(scene, SceneFile) else None
+    run = None if file is None else file.sweep_run if of_sweep else file.run
+    scenes = scene.scene if isinstance(scene, SceneFile) else scene
+    asked = _asked(method)
+    if run is not None:
+        n_periods = run.periods if n_periods is None else n_periods
+        transient = run.transient if transient is None else transient
+        asked = _with_file(asked, run, scenes)
+    n_periods = N_PERIODS if n_periods is None else n_periods
+    transient = DEFAULT_TRANSIENT if transient is None else transient
+    count_argument("n_periods", n_periods, 1)
+    count_argument("transient", transient, 0)
+    shape = leading_axes(scenes)
+    require_sector(scenes)
+    if isinstance(method, str | float) and not is_tried(scenes) and _is_examined(scenes):
+        warnings.warn(str(choice_without_trial(method, True, scenes)), AccuracyWarning, stacklevel=4)
+    return ResolvedOptions(scenes, shape, names_of(shape, dims), file, n_periods, transient, asked)
+
+
+def _is_examined(scene: Scene) -> bool:
+    """Whether an accuracy can choose a method for a scene; in closed form there is nothing to choose."""
+    law = law_type(scene)
+    return law.is_examined and law.has_events
+
+
+def _asked(method: MethodArgument) -> Asked:
+    """How to march, from the argument `method`."""
+    if method is None:
+        return Asked()
+    if isinstance(method, Asked):
+        return method
+    return Asked(method=method, steps=method.steps) if isinstance(method, Method) else Asked(_given_level(method))
+
+
+def _with_file(asked: Asked, run: RunTable, scenes: Scene) -> Asked:
+    """The same, with the [run] of a scene file where the argument does not say it."""
+    if asked.accuracy is not None or asked.steps is not None or asked.plan is not None:
+        return asked
+    chooses = asked.method is None and run.accuracy is not None and _is_examined(scenes)
+    level = accuracy_level(run.accuracy) if chooses else None
+    return asked._replace(steps=run.steps_per_period, accuracy=level, by_argument=False)
+
+
+def _given_level(accuracy: str | float) -> float:
+    """The accuracy that the argument `method` asks for; InputError if it is none."""
+    try:
+        return accuracy_level(accuracy)
+    except InputError as error:
+        hint = (
+            f'; a method of that name is js.RungeKutta("{accuracy}")'
+            if isinstance(accuracy, str) and accuracy in TABLEAUS
+            else ""
+        )
+        raise InputError(f"Argument `method` {error}{hint}") from None

@@ -38,10 +38,9 @@ from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.signals.orbit_distance import SweptMotion, number_motions, set_distance
-from jaxshroud.verbs.arguments import one_scene
+from jaxshroud.verbs.arguments import one_scene, resolve_options
 from jaxshroud.verbs.asked import MarchPlan, MethodArgument
 from jaxshroud.verbs.lanes import with_tangents
-from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.simulate import simulate
 from jaxshroud.verbs.sweep import sweep
 

@@ -28,10 +28,9 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import check_continuous, in_precision
 from jaxshroud.scene.vary import value_of, with_numbers
-from jaxshroud.verbs.arguments import check_known_period, check_row, one_scene
+from jaxshroud.verbs.arguments import check_known_period, check_row, one_scene, resolve_options
 from jaxshroud.verbs.asked import MethodArgument
 from jaxshroud.verbs.lanes import with_tangents
-from jaxshroud.verbs.options import resolve_options
 
 
 @typed

@@ -5,8 +5,15 @@ from typing import Any, cast
 
 import numpy as np
 
-from jaxshroud.model.growing_modes import Growth, Pressing, order_crossings, pressed_ranges, speed_curves
-from jaxshroud.model.natural_modes import LinearContact, NaturalContact
+from jaxshroud.model.natural_modes import (
+    Growth,
+    LinearContact,
+    NaturalContact,
+    Pressing,
+    order_crossings,
+    pressed_ranges,
+    speed_curves,
+)
 from jaxshroud.results.data_sheet import NaturalMode, SpeedLines
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.scene import Scene

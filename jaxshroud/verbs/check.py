@@ -15,20 +15,19 @@ from jaxshroud.march.tableau import RK4
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import Amplitudes, free_reach, steady_amplitudes
+from jaxshroud.model.linear_systems import touching_gradients
 from jaxshroud.model.natural_modes import LinearContact, drive_loads, linear_contact
-from jaxshroud.orbits.linear_response import touching_gradients
 from jaxshroud.results.data_sheet import Coordinate, DataSheet, FlowMode, NaturalMode, crossings_between
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.engine_order import engine_order_of
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.speed import engine_order_of
 from jaxshroud.scene.typed import typed
 from jaxshroud.signals.averages import half_diagonal
 from jaxshroud.verbs.arguments import check_row, one_scene
 from jaxshroud.verbs.campbell_lines import lines_of_speeds
 from jaxshroud.verbs.doubts import LEAST_DRIVEN, advice_on, doubts_of
-from jaxshroud.verbs.natural_frequencies import RAD_PER_CYCLE, modes_of
-from jaxshroud.verbs.nodal_diameters import flow_modes
+from jaxshroud.verbs.natural_frequencies import RAD_PER_CYCLE, flow_modes, modes_of
 from jaxshroud.verbs.settled import has_settled_motion, settled_motion
 
 USUAL_ORDERS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)  # that are shown beside the scene's own

@@ -238,3 +238,25 @@ def judge_designs(problem: Problem, designs: np.ndarray, tick: Tick) -> DesignJu
     score = np.where(np.isfinite(objective), objective - PENALTY * excess, -np.inf)
     ci = (ci if is_reduction(problem.of) else 100 * ci / problem.free).reshape(shape)
     return DesignJudgement(score, objective, P_d, ci, v, force, number.reshape(shape))
+
+
+def first_points(problem: Problem, scan: int, seed: int, search: int = 0) -> np.ndarray:
+    """Points of the unit cube that are tried first: that of the scene, if it is within the bounds, and Sobol points.
+
+    Further searches have other points than the first, and without that of the scene.
+    """
+    from scipy.stats import qmc
+
+    own = problem.cube(np.array([[_own_value(problem, key) for key in problem.over]]))
+    sequence = qmc.Sobol(len(problem.over), rng=np.random.default_rng([seed, search] if search else seed))
+    drawn = sequence.random_base2(math.ceil(math.log2(scan)))[:scan]
+    is_within = not search and bool(np.all((own >= 0) & (own <= 1)))
+    return np.concatenate([own, drawn]) if is_within else drawn
+
+
+def _own_value(problem: Problem, key: str) -> float:
+    """The scene's number, or NaN where the blades differ."""
+    try:
+        return value_of(problem.scene, key)
+    except InputError:
+        return math.nan

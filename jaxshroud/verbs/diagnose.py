@@ -35,10 +35,9 @@ from jaxshroud.signals.amplitudes import is_comparable
 from jaxshroud.signals.averages import Reduction, averages, convergence, period_reductions
 from jaxshroud.signals.period import SETTLED, Repetition
 from jaxshroud.signals.waves import RowWave
-from jaxshroud.verbs.arguments import check_row, one_scene
+from jaxshroud.verbs.arguments import ResolvedOptions, check_row, one_scene, resolve_options
 from jaxshroud.verbs.asked import Asked, MarchPlan, MethodArgument
 from jaxshroud.verbs.lanes import RequestedLanes, with_tangents
-from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.plan import missed_lanes, plan_march, warn_missed
 from jaxshroud.verbs.power import power
 from jaxshroud.verbs.simulate import simulate

@@ -1,4 +1,7 @@
-"""Numbers of a scene from measurements, by least squares with exact derivatives."""
+"""Numbers of a scene from measurements, by least squares with exact derivatives.
+
+A model says what the scene would have shown, at points of the unit cube of its fitted numbers.
+"""
 
 import json
 import math
@@ -9,26 +12,39 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.plan import Progress
+from jaxshroud.batch.states import initial_states
 from jaxshroud.fitting.identifiability import Findings, ProfiledNumber, better_place, findings, profiles
-from jaxshroud.fitting.least_squares import MOST_EVALUATIONS, Data, Estimate, Misfit, estimate
-from jaxshroud.fitting.measured import steps_between_samples
+from jaxshroud.fitting.least_squares import MOST_EVALUATIONS, Estimate, Misfit, estimate
+from jaxshroud.fitting.measured import (
+    Predicted,
+    history_schedule,
+    orbit_amplitudes_by,
+    predicted_history,
+    steps_between_samples,
+    weighted_data,
+)
 from jaxshroud.fitting.searches import MOST_SEARCHES, MOST_STEPS, descended, estimate_of_history, evaluations_of_search
 from jaxshroud.io.measurements import measurements_from, read_measurements
+from jaxshroud.io.variable import jax_lane_arrays
+from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest
+from jaxshroud.model.prepared import State
+from jaxshroud.orbits.batched_algorithms import run_together
+from jaxshroud.orbits.orbit import PeriodicOrbit
+from jaxshroud.orbits.shooting import CLOSING_TOLERANCE, ShootingOptions, settled_orbit
 from jaxshroud.results.fit import Fit
 from jaxshroud.scene.checks import InputError, count_argument, seed_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.measurements import Measurements
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
-from jaxshroud.scene.vary import value_of
-from jaxshroud.verbs.arguments import one_scene
+from jaxshroud.scene.valid import in_precision
+from jaxshroud.verbs.arguments import one_scene, resolve_options
 from jaxshroud.verbs.asked import MarchPlan, MethodArgument
-from jaxshroud.verbs.design_problem import Problem, design_corners, problem_of
-from jaxshroud.verbs.fit_model import FitModel, HistoryModel, ResponseModel
+from jaxshroud.verbs.design_problem import Problem, design_corners, first_points, problem_of, scenes_of
 from jaxshroud.verbs.lanes import with_tangents
-from jaxshroud.verbs.options import resolve_options
 
 CURVE_POINTS = 1000  # of the fitted history that is drawn
 FEWEST_POINTS = 8  # of a search
@@ -117,19 +133,91 @@ def fit(
     return _result(problem, data, model, found, profiled, told, settings, attrs)
 
 
+class HistoryModel:
+    """The model of a time history: the march from the scene's initial motion."""
+
+    def __init__(self, problem: Problem, data: Measurements, steps: int, method: Choices, shortest_period: float):
+        self.problem, self.data, self.steps = problem, data, steps
+        self.method = as_differentiable(method)
+        self.schedule = history_schedule(float(data.at[-1]), shortest_period, steps, self.method)
+
+    def __call__(self, points: np.ndarray, rows: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Displacements at the measured times (points, n, channels), and slopes in the unit cube (..., keys).
+
+        After the first `rows` of them they are NaN.
+        """
+        values, slopes = self._at(points, self.data, rows)
+        return values, slopes * self.problem.rates(points)[:, None, None, :]
+
+    def curve(self, u: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """The motion from the start to the last measured time."""
+        t = np.linspace(0.0, self.data.at[-1], count)
+        return t, self._at(u[None], self.data._replace(at=t)).values[0]
+
+    def _at(self, points: np.ndarray, data: Measurements, rows: int | None = None) -> Predicted:
+        scenes = in_precision(scenes_of(self.problem, self.problem.values(points)), self.method.precision)
+        return predicted_history(scenes, tuple(self.problem.over), data, self.schedule, rows or len(data.at))
+
+
+class ResponseModel:
+    """The model of a frequency response: amplitudes on the orbits on which the scene settles.
+
+    Each orbit is sought from that of the latest point at the same frequency, first from the scene's initial motion.
+    """
+
+    def __init__(self, problem: Problem, data: Measurements, steps: int, method: Choices, most_periods: int):
+        self.problem, self.data, self.steps, self.most_periods = problem, data, steps, most_periods
+        self.aim = ShootingOptions(steps, CLOSING_TOLERANCE[method.precision], method)
+        self.latest: dict[int, State] = {}  # by frequencies
+
+    def __call__(self, points: np.ndarray, rows: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Amplitudes at the measured frequencies (points, n, channels), and slopes in the unit cube (..., keys)."""
+        del rows  # all frequencies are one batch
+        orbits = self._orbits(points)
+        values, slopes = orbit_amplitudes_by(orbits, tuple(self.problem.over), self.data.channels)
+
+        def by_point(a):
+            return a.reshape(len(points), -1, *a.shape[1:])
+
+        return by_point(values), by_point(slopes) * self.problem.rates(points)[:, None, None, :]
+
+    def curve(self, u: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """The amplitudes at the measured frequencies, in order."""
+        order = np.argsort(self.data.at, kind="stable")
+        return self.data.at[order], self(u[None])[0][0][order]
+
+    def _orbits(self, points: np.ndarray) -> list[PeriodicOrbit | None]:
+        scenes = in_precision(scenes_of(self.problem, self.problem.values(points)), self.aim.method.precision)
+        count, first = len(self.data.at), initial_states(scenes)
+
+        def lane(tree, i):
+            return jax_lane_arrays(tree, (i,))
+
+        lanes = range(len(points) * count)
+        starts = [self.latest[i % count] if i % count in self.latest else lane(first, i) for i in lanes]
+        searches = [settled_orbit(lane(scenes, i), starts[i], self.most_periods, self.aim) for i in lanes]
+        orbits = [orbit if isinstance(orbit, PeriodicOrbit) else None for orbit in run_together(searches)]
+        if len(points) == 1:
+            self.latest |= {i: orbit.start for i, orbit in enumerate(orbits) if orbit is not None and orbit.sound}
+        return orbits
+
+
+FitModel = HistoryModel | ResponseModel
+
+
 def _estimated(
     problem: Problem, data: Measurements, model: FitModel, search: tuple[int, int, int], progress: Progress | None
 ) -> tuple[Estimate, list[ProfiledNumber]]:
     """The best fit, with the profiles of its numbers."""
-    (scan, starts, seed), keys, weighted = search, len(problem.over), _weighted(data)
+    (scan, starts, seed), keys, weighted = search, len(problem.over), weighted_data(data)
     nodes = NODE_EVALUATIONS * keys
     if data.kind == "response":
-        points = _first_points(problem, scan, seed)
+        points = first_points(problem, scan, seed)
         counted = _Counted(model, len(points) + starts * MOST_EVALUATIONS + nodes, progress)
         found = estimate(Misfit(counted, weighted, counted.skip), points, min(starts, len(points)))
     else:
         count = max(scan // USUAL_SEARCHES, FEWEST_POINTS)
-        draws = [_first_points(problem, count, seed, n) for n in range(MOST_SEARCHES)]
+        draws = [first_points(problem, count, seed, n) for n in range(MOST_SEARCHES)]
         most = USUAL_SEARCHES * (evaluations_of_search(count) + 2 * starts * MOST_STEPS) + nodes
         counted = _Counted(model, most, progress)
         rng = np.random.default_rng(seed)
@@ -182,35 +270,6 @@ def model_of(problem: Problem, data: Measurements, march: MarchPlan, most_period
     if data.kind == "history":
         return HistoryModel(problem, data, steps, march.method, math.tau / fastest)
     return ResponseModel(problem, data, steps, march.method, most_periods)
-
-
-def _first_points(problem: Problem, scan: int, seed: int, search: int = 0) -> np.ndarray:
-    """Points of the unit cube that are tried first: that of the scene, if it is within the bounds, and Sobol points.
-
-    Further searches have other points than the first, and without that of the scene.
-    """
-    from scipy.stats import qmc
-
-    own = problem.cube(np.array([[_own_value(problem, key) for key in problem.over]]))
-    sequence = qmc.Sobol(len(problem.over), rng=np.random.default_rng([seed, search] if search else seed))
-    drawn = sequence.random_base2(math.ceil(math.log2(scan)))[:scan]
-    is_within = not search and bool(np.all((own >= 0) & (own <= 1)))
-    return np.concatenate([own, drawn]) if is_within else drawn
-
-
-def _own_value(problem: Problem, key: str) -> float:
-    """The scene's number, or NaN where the blades differ."""
-    try:
-        return value_of(problem.scene, key)
-    except InputError:
-        return math.nan
-
-
-def _weighted(data: Measurements) -> Data:
-    """The data with their noise, or with the size of each channel where that is unknown."""
-    if data.sigma is not None:
-        return Data(data.values, data.sigma, True)
-    return Data(data.values, np.broadcast_to(data.sizes, data.values.shape), False)
 
 
 class _Counted:

@@ -27,19 +27,17 @@ from jaxshroud.results.gradient import Gradient
 from jaxshroud.results.orbit import Orbit
 from jaxshroud.scene.checks import InputError, count_argument, positive_argument, seed_argument
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.quantities import Quantity, check_quantity, is_reduction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import check_continuous
 from jaxshroud.scene.vary import level_of, numbers_that_count, with_numbers
-from jaxshroud.signals.amplitudes import check_resonance, check_vibration
-from jaxshroud.verbs.arguments import check_row
+from jaxshroud.signals.amplitudes import check_resonance, check_vibration, counted_reduction
+from jaxshroud.verbs.arguments import check_row, resolve_options
 from jaxshroud.verbs.asked import MethodArgument
 from jaxshroud.verbs.lanes import RequestedLanes, results_of_all, warn_failed, with_tangents
-from jaxshroud.verbs.linear import default_state, in_state
-from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.orbit import cycles_of
+from jaxshroud.verbs.settled import default_state, in_state
 
 
 @typed

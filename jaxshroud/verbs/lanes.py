@@ -21,9 +21,8 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import T
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.verbs.arguments import check_row
+from jaxshroud.verbs.arguments import ResolvedOptions, check_row, resolve_options
 from jaxshroud.verbs.asked import MarchPlan, MethodArgument
-from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.plan import plan_march
 
 R = TypeVar("R", bound=Result)

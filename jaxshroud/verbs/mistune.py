@@ -25,7 +25,7 @@ from jaxshroud.scene.vary import vary, with_numbers
 from jaxshroud.signals.amplitudes import check_vibration
 from jaxshroud.signals.statistics import quantile_interval
 from jaxshroud.signals.waves import RowResponses, largest_amplitudes
-from jaxshroud.verbs.arguments import flatten_lanes, one_scene, refuse_traced
+from jaxshroud.verbs.arguments import ResolvedOptions, flatten_lanes, one_scene, refuse_traced, resolve_options
 from jaxshroud.verbs.asked import MethodArgument
 from jaxshroud.verbs.mistuned_rows import (
     MistunedRow,
@@ -37,7 +37,6 @@ from jaxshroud.verbs.mistuned_rows import (
     swept_responses,
     with_patterns,
 )
-from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.plan import plan_march
 
 

@@ -18,9 +18,9 @@ import numpy as np
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.batch.plan import Progress
 from jaxshroud.batch.threads import in_chunks
+from jaxshroud.model.linear_systems import LinearSystem, linear_amplitudes, linear_slopes, linear_systems
 from jaxshroud.model.modes import Status
 from jaxshroud.model.natural_modes import NaturalContact
-from jaxshroud.orbits.linear_response import LinearSystem, linear_amplitudes, linear_slopes, linear_systems
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.grids import grid_of_scenes, scenes_at
 from jaxshroud.scene.layout import Direction

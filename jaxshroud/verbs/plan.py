@@ -34,6 +34,7 @@ from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import FloatArray, typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.signals.averages import least_tilt
+from jaxshroud.verbs.arguments import ResolvedOptions, resolve_options
 from jaxshroud.verbs.asked import (
     ACCURACY,
     Asked,
@@ -45,7 +46,6 @@ from jaxshroud.verbs.asked import (
     flat_return_for,
     is_tried,
 )
-from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 
 STIFFNESS_CLASSES = (1.5, 4.0, 12.0, np.inf)  # upper bounds of omega_max over the largest frequency without contact
 MAX_PROBED_LANES = 256  # on which a setting is tried before it is chosen

@@ -40,11 +40,10 @@ from jaxshroud.signals.averages import (
 )
 from jaxshroud.signals.equivalent import equivalent_values
 from jaxshroud.signals.period import NOT_SETTLED, PERIOD_TOLERANCE, Repetition
-from jaxshroud.verbs.arguments import check_row, in_shape
+from jaxshroud.verbs.arguments import ResolvedOptions, check_row, in_shape, resolve_options
 from jaxshroud.verbs.asked import MarchPlan, MethodArgument
-from jaxshroud.verbs.linear import default_state, in_state
-from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.plan import missed_lanes, plan_march, warn_missed
+from jaxshroud.verbs.settled import default_state, in_state
 
 FIRST_PERIODS = 2 * PERIODS_PER_CALL  # kept periods before the first test of convergence
 

@@ -13,8 +13,8 @@ from jaxshroud.batch.plan import Plan, Progress, Ticker
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.model.modes import Status
+from jaxshroud.results.amplitudes import stored_state
 from jaxshroud.results.attractors import Attractors
-from jaxshroud.results.contact_state import stored_state
 from jaxshroud.results.scatter import Report
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.tuned import Tuned
@@ -22,13 +22,12 @@ from jaxshroud.scene.checks import InputError, NumericalError, count_argument, s
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.layout import PAIR, SINGLE_DIRECTIONS
-from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.quantities import RequiredReduction, check_quantity
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import T, typed
 from jaxshroud.scene.vary import level_of, value_of, with_numbers
-from jaxshroud.signals.amplitudes import check_resonance, check_vibration
-from jaxshroud.verbs.arguments import check_row, one_scene
+from jaxshroud.signals.amplitudes import check_resonance, check_vibration, counted_reduction
+from jaxshroud.verbs.arguments import ResolvedOptions, check_row, one_scene, resolve_options
 from jaxshroud.verbs.asked import Asked, MarchPlan, MethodArgument
 from jaxshroud.verbs.attractors import attractors, row_motions
 from jaxshroud.verbs.check import check
@@ -42,7 +41,6 @@ from jaxshroud.verbs.design_problem import (
 )
 from jaxshroud.verbs.gradient import gradient
 from jaxshroud.verbs.gradient_ascent import verify_design
-from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.plan import plan_march
 from jaxshroud.verbs.power import power
 from jaxshroud.verbs.report_findings import DesignFindings, RowFindings

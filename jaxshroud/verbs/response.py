@@ -14,8 +14,7 @@ from jaxshroud.batch.held_contact import LinearState, is_linear
 from jaxshroud.batch.linear_runs import linear_amplitude_values
 from jaxshroud.batch.plan import Progress
 from jaxshroud.march.method_names import RESPONSES
-from jaxshroud.orbits.linear_peaks import AmplitudesAt, linear_peaks
-from jaxshroud.orbits.peaks import branch_peaks
+from jaxshroud.orbits.peaks import AmplitudesAt, branch_peaks, linear_peaks
 from jaxshroud.results.branch import Branch
 from jaxshroud.results.response import Member, Response
 from jaxshroud.results.sweep import SweepResult
@@ -24,17 +23,15 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.keys import find_key
 from jaxshroud.scene.layout import Layout
-from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.quantities import DISPLACEMENTS, counted_amplitude
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of, vary, with_numbers
-from jaxshroud.signals.amplitudes import free_amplitudes
-from jaxshroud.verbs.arguments import check_row, one_scene
+from jaxshroud.signals.amplitudes import counted_reduction, free_amplitudes
+from jaxshroud.verbs.arguments import check_row, one_scene, resolve_options
 from jaxshroud.verbs.asked import MethodArgument
 from jaxshroud.verbs.branch import BranchStart, continued, range_of
-from jaxshroud.verbs.linear import default_state, in_state
-from jaxshroud.verbs.options import resolve_options
+from jaxshroud.verbs.settled import default_state, in_state
 from jaxshroud.verbs.sweep import sweep
 
 FREE_VALUES, FREE_ZOOMS = 2001, 4  # values at which the free amplitude is looked at, and how often more closely

@@ -19,22 +19,20 @@ from jaxshroud.scene.checks import InputError, Precision, count_argument, seed_a
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.layout import Layout
-from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.quantities import Quantity, amplitude_of, check_only_P_d, counted_amplitude, is_reduction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of, with_numbers
-from jaxshroud.signals.amplitudes import check_vibration
+from jaxshroud.signals.amplitudes import check_vibration, counted_reduction
 from jaxshroud.signals.averages import stiffnesses
 from jaxshroud.signals.period import CLOSING_ROUNDINGS
 from jaxshroud.signals.statistics import SobolIndices, saltelli_rows, variance_indices
-from jaxshroud.verbs.arguments import check_row, one_scene
+from jaxshroud.verbs.arguments import ResolvedOptions, check_row, one_scene, resolve_options
 from jaxshroud.verbs.asked import MethodArgument
 from jaxshroud.verbs.design_problem import check_bounds, check_condition, check_objective
-from jaxshroud.verbs.linear import default_state, in_state
-from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.plan import plan_march
 from jaxshroud.verbs.scattering import Spread, probability_values, scatter_bounds
+from jaxshroud.verbs.settled import default_state, in_state
 from jaxshroud.verbs.sweep import sweep
 
 QUANTILES = (0.05, 0.5, 0.95)  # of P_d

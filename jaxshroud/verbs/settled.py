@@ -1,4 +1,10 @@
-"""Whether the settled motion of a scene about its static equilibrium is linear: in which state, how safely."""
+"""Whether the settled motion of a scene about its static equilibrium is linear: in which state, and how safely.
+
+Contact is asked to stay in one state, or does so by itself: then the motion has a closed form.
+"""
+
+from dataclasses import replace
+from typing import overload
 
 import jax
 import numpy as np
@@ -12,10 +18,15 @@ from jaxshroud.batch.load_path import start_equilibria
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.results.data_sheet import SettledMotion
+from jaxshroud.scene.checks import InputError, word_argument
+from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import SPRUNG
-from jaxshroud.scene.preload import is_preloaded
+from jaxshroud.scene.other_parts import with_parts
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.sector import sector_ring
+from jaxshroud.signals.amplitudes import is_preloaded
+from jaxshroud.verbs.arguments import flatten_lanes, leading_axes
+from jaxshroud.verbs.asked import Asked, MethodArgument
 
 DIED_OUT = 1e-3  # of a free vibration
 
@@ -109,3 +120,39 @@ def _judgement(state: LinearState, motion: LinearMotion, rest: Equilibrium, exac
         other = state == "stuck" and least["N"] > 0 and float(np.min(motion.other_rest)) > 0
         reason = "may settle to sticking with the sliders elsewhere" if other else "contact leaves the state"
     return SettledMotion(name if holds else "", reason, exact, int(rest.found[0]), **least)
+
+
+@overload
+def in_state(scene: SceneFile, state: LinearState | None) -> SceneFile: ...
+@overload
+def in_state(scene: Scene, state: LinearState | None) -> Scene: ...
+@overload
+def in_state(scene: Scene | SceneFile, state: LinearState | None) -> Scene | SceneFile: ...
+def in_state(scene: Scene | SceneFile, state: LinearState | None) -> Scene | SceneFile:
+    """The scene with contact that stays in a state; as it is where none is asked for.
+
+    Raises:
+        InputError: There is no such state, or contact of this kind has none.
+    """
+    if state is None:
+        return scene
+    word_argument("linear", state, LinearState)
+    parts = scene.tables["parts"] if isinstance(scene, SceneFile) else scene.parts._asdict()
+    if parts["contact"] not in SPRUNG:
+        raise InputError(f'Argument `linear` is of contact by springs, not of parts.contact = "{parts["contact"]}".')
+    if isinstance(scene, SceneFile):
+        return replace(scene, tables={**scene.tables, "parts": {**parts, "contact": state}})
+    return with_parts(scene, scene.parts._replace(contact=state))
+
+
+def default_state(scenes: Scene | SceneFile, method: MethodArgument) -> LinearState | None:
+    """The state of contact in which a closed form takes the place of a march; None where it is to march.
+
+    It does where all `scenes` keep one state from their static start on, unless the argument `method` says how to
+    march.
+    """
+    by_file = isinstance(method, Asked) and not method.by_argument
+    if method is not None and not by_file:
+        return None
+    scene = scenes.scene if isinstance(scenes, SceneFile) else scenes
+    return kept_state(flatten_lanes(scene, len(leading_axes(scene))))

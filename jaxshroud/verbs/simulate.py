@@ -25,9 +25,8 @@ from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.signals.amplitudes import sampled_amplitude_values
 from jaxshroud.signals.averages import contact_shares
-from jaxshroud.verbs.arguments import check_row, in_shape
+from jaxshroud.verbs.arguments import ResolvedOptions, check_row, in_shape, resolve_options
 from jaxshroud.verbs.asked import MethodArgument
-from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.plan import missed_lanes, plan_march, warn_missed
 
 

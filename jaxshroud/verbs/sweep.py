@@ -24,9 +24,8 @@ from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.signals.period import PERIOD_TOLERANCE
-from jaxshroud.verbs.arguments import check_row, flatten_lanes, refuse_traced
+from jaxshroud.verbs.arguments import ResolvedOptions, check_row, flatten_lanes, refuse_traced, resolve_options
 from jaxshroud.verbs.asked import MethodArgument
-from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.plan import plan_march, warn_missed
 from jaxshroud.verbs.stored import SweepTask, store_sweep
 from jaxshroud.verbs.sweep_run import (

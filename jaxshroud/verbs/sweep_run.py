@@ -32,9 +32,8 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.signals.amplitudes import amplitude_values, counted_mean, counted_periods, load_values
 from jaxshroud.signals.averages import averages, contact_shares, relative_drop, relative_residual
 from jaxshroud.signals.period import SETTLED
-from jaxshroud.verbs.arguments import in_shape
+from jaxshroud.verbs.arguments import ResolvedOptions, in_shape
 from jaxshroud.verbs.asked import MarchPlan
-from jaxshroud.verbs.options import ResolvedOptions
 from jaxshroud.verbs.plan import missed_lanes
 
 MAX_LANES_AT_ONCE = 4096  # lanes whose samples are in memory at once where the result does not keep them

@@ -18,15 +18,13 @@ from jaxshroud.scene.checks import InputError, SceneError, did_you_mean
 from jaxshroud.scene.designs import Designs, read_designs
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import Layout, require_capability
-from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
-from jaxshroud.signals.amplitudes import check_vibration
+from jaxshroud.signals.amplitudes import check_vibration, counted_reduction
 from jaxshroud.signals.period import NOT_SETTLED, SETTLED
-from jaxshroud.verbs.arguments import check_row, one_scene
+from jaxshroud.verbs.arguments import check_row, one_scene, resolve_options
 from jaxshroud.verbs.asked import MethodArgument
-from jaxshroud.verbs.linear import default_state, in_state
-from jaxshroud.verbs.options import resolve_options
+from jaxshroud.verbs.settled import default_state, in_state
 from jaxshroud.verbs.sweep import sweep
 
 STABLE_WITHIN = 0.1  # half width at which P_d counts as known [percentage points]

@@ -7,7 +7,6 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import jax
 import numpy as np
 
-from jaxshroud.batch.adaptive import adaptive_gap_slopes, adaptive_samples
 from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.periods import pair_sample
 from jaxshroud.batch.plan import Plan, Progress
@@ -20,6 +19,8 @@ from jaxshroud.model.prepared import law_type
 from jaxshroud.orbits.short_runs import (
     HORIZON,
     ShortRuns,
+    adaptive_gap_slopes,
+    adaptive_samples,
     gap_slopes,
     motions_at,
     run_from_start,

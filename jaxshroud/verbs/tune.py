@@ -18,12 +18,12 @@ from jaxshroud.results.tuned import DesignJudgement, Tuned
 from jaxshroud.scene.checks import InputError, NumericalError, seed_argument
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.quantities import Quantity, amplitude_of, check_only_P_d
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import text_of
 from jaxshroud.scene.typed import typed
-from jaxshroud.verbs.arguments import check_row, one_scene
+from jaxshroud.signals.amplitudes import counted_reduction
+from jaxshroud.verbs.arguments import check_row, one_scene, resolve_options
 from jaxshroud.verbs.asked import MarchPlan, MethodArgument
 from jaxshroud.verbs.design_problem import (
     Goal,
@@ -47,10 +47,9 @@ from jaxshroud.verbs.gradient_ascent import (
     verify_design,
 )
 from jaxshroud.verbs.lanes import with_tangents
-from jaxshroud.verbs.linear import default_state, in_state
-from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.robust import RobustnessRequest, robustness, robustness_request
 from jaxshroud.verbs.scattering import Scattering, scattering_of
+from jaxshroud.verbs.settled import default_state, in_state
 
 
 @typed

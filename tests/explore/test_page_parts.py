@@ -25,12 +25,11 @@ from jaxshroud.explorer.controls import Controls
 from jaxshroud.explorer.diagram import Amount, Window, diagram, joined
 from jaxshroud.explorer.engine import Message, Service
 from jaxshroud.explorer.exploration import Exploration, in_si, method_on_page, number_fields
-from jaxshroud.explorer.jobs import Methods, RunWish
+from jaxshroud.explorer.jobs import Methods, Outdated, RunWish
 from jaxshroud.explorer.panels import DiagramPanel
 from jaxshroud.explorer.saves import STATIC_ROOTS, static_page
 from jaxshroud.explorer.server import redirecting_file
 from jaxshroud.explorer.styles import Recolouring, root
-from jaxshroud.explorer.worker import Outdated
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.checks import InputError, SceneError
 from jaxshroud.scene.keys import ALL_KEYS

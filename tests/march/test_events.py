@@ -12,9 +12,8 @@ from exact import CASES, CONSISTENT
 
 from jaxshroud.march import events
 from jaxshroud.march.accumulator import Counters, count_event
-from jaxshroud.march.event import first_kind
+from jaxshroud.march.event import GuardEvaluation, first_kind
 from jaxshroud.march.events import Transition, evaluate_guards, transition
-from jaxshroud.march.guards import GuardEvaluation
 from jaxshroud.march.observable import Ending
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import Model, State, as_pairs, prepared_model

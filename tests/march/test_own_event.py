@@ -21,9 +21,8 @@ from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import initial_states
 from jaxshroud.cache.key import UnknownPartError, description
 from jaxshroud.march.accumulator import Counters
-from jaxshroud.march.event import Event, guards_after_event
+from jaxshroud.march.event import ContactNow, Event, Guard, Guards, guards_after_event
 from jaxshroud.march.events import EVENTS
-from jaxshroud.march.guards import ContactNow, Guard, Guards
 from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.tableau import TaylorOptions

@@ -12,9 +12,9 @@ from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.tangents import direction, tangents
 from jaxshroud.march.method import choices
 from jaxshroud.model.geometry import contact_kinematics, pose
-from jaxshroud.model.interface import placement
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import State, prepared_model
+from jaxshroud.model.rhs import placement
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.points import ContactPoints

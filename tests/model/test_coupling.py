@@ -12,10 +12,10 @@ from jaxshroud.batch.rows import lanes_last
 from jaxshroud.batch.xla import vmapped
 from jaxshroud.model.blade import ElasticMotion
 from jaxshroud.model.linear import free_power, static_position, steady_amplitudes
+from jaxshroud.model.linear_systems import linear_amplitudes, linear_systems
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Recorded
 from jaxshroud.model.row import prepared_row, row_rhs
-from jaxshroud.orbits.linear_response import linear_amplitudes, linear_systems
 from jaxshroud.scene.blades import BladeMatrices, Blades
 
 N = 6

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
+from jaxshroud.scene.blades import Aero
 from jaxshroud.scene.config import parse
-from jaxshroud.scene.coupling import Aero
 
 COUPLED = ["row.blades=4", "drive.engine_order=1", "row.coupling.k_x=2e4", "row.aero.L1=[-500, 10 N/mm]"]
 

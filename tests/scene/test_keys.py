@@ -11,10 +11,9 @@ import pytest
 from jaxshroud.io.scene_numbers import key_attrs
 from jaxshroud.io.variable import MOTION
 from jaxshroud.plotting.style import QUANTITIES
-from jaxshroud.scene.blades import Blades
+from jaxshroud.scene.blades import Blades, Coupling
 from jaxshroud.scene.checks import KeyNameError
 from jaxshroud.scene.config import load
-from jaxshroud.scene.coupling import Coupling
 from jaxshroud.scene.keys import (
     ALL_KEYS,
     INPUT_KEYS,

@@ -22,8 +22,7 @@ from jaxshroud.scene.overrides import axis
 from jaxshroud.scene.scene import Row
 from jaxshroud.scene.text import text_of
 from jaxshroud.scene.vary import numbers_of, numbers_that_count, with_numbers
-from jaxshroud.verbs.arguments import leading_axes
-from jaxshroud.verbs.options import resolve_options
+from jaxshroud.verbs.arguments import leading_axes, resolve_options
 
 RING, CHAIN = "row_ring12", "row_chain5"
 BARE = """

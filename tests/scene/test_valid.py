@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.scene.blades import Blades
+from jaxshroud.scene.blades import Blades, Coupling
 from jaxshroud.scene.checks import SceneError
 from jaxshroud.scene.config import parse
-from jaxshroud.scene.coupling import Coupling
 from jaxshroud.scene.keys import SCENE_KEYS, Motion
 from jaxshroud.scene.scene import Contact, Drive, Friction, Scene, Shroud
 from jaxshroud.scene.vary import vary

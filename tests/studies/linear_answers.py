@@ -21,7 +21,7 @@ from jaxshroud.batch.linear_motion import linear_motions
 from jaxshroud.batch.linear_transient import outlasts_transient
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.scene import Scene, without_given
-from jaxshroud.verbs.linear import in_state
+from jaxshroud.verbs.settled import in_state
 
 FILE = Path(__file__).with_suffix(".json")
 AGREES = 1e-9

@@ -27,7 +27,7 @@ jax.config.update("jax_enable_x64", True)
 import jaxshroud as js  # noqa: E402
 from jaxshroud.batch.limits import sweep_memory  # noqa: E402
 from jaxshroud.batch.plan import Plan  # noqa: E402
-from jaxshroud.batch.projection import projected_seconds  # noqa: E402
+from jaxshroud.cli.projection import projected_seconds  # noqa: E402
 from jaxshroud.march.method import choices  # noqa: E402
 from jaxshroud.scene.grids import grid_of_scenes  # noqa: E402
 from jaxshroud.scene.valid import in_precision  # noqa: E402

@@ -23,9 +23,9 @@ from twin_histories import History, drawn
 
 import jaxshroud as js
 from jaxshroud.io.measurements import measurements_from
+from jaxshroud.verbs.arguments import resolve_options
 from jaxshroud.verbs.fit import fit_corners, fit_problem, model_of
 from jaxshroud.verbs.lanes import with_tangents
-from jaxshroud.verbs.options import resolve_options
 
 HISTORIES, SEEDS, SEED = 20, 3, 7
 METHOD = js.RungeKutta(steps=200)

@@ -11,8 +11,7 @@ from jaxshroud.batch.linear_transient import outlasts_transient
 from jaxshroud.cli.commands import main
 from jaxshroud.scene.scene import without_given
 from jaxshroud.verbs.gradient import differences
-from jaxshroud.verbs.linear import default_state
-from jaxshroud.verbs.settled import settling_periods
+from jaxshroud.verbs.settled import default_state, settling_periods
 
 STUCK = [
     "shroud.gap=-0.4 mm",

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.cubics import RunningAmplitudes
 from jaxshroud.batch.sampling import MAX_UNKEPT, SampleGrid
+from jaxshroud.batch.stretches import RunningAmplitudes
 from jaxshroud.scene.keys import Motion
 
 STEPS, PERIODS = 100, 4

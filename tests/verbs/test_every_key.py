@@ -23,8 +23,8 @@ from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.keys import ALL_KEYS, ROW_KEYS
 from jaxshroud.scene.vary import numbers_of, numbers_that_count, with_numbers
 from jaxshroud.signals.effects import flat_text
+from jaxshroud.verbs.arguments import resolve_options
 from jaxshroud.verbs.design_problem import Problem, problem_of, scenes_of
-from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.scattering import scatter_bounds, scattering_of
 
 pytestmark = pytest.mark.full

@@ -9,10 +9,9 @@ import jaxshroud as js
 from jaxshroud.cli import commands as cli
 from jaxshroud.io.measurements import measurements_from
 from jaxshroud.scene.scene import without_given
-from jaxshroud.verbs.fit import fit_problem
-from jaxshroud.verbs.fit_model import HistoryModel, ResponseModel
+from jaxshroud.verbs.arguments import resolve_options
+from jaxshroud.verbs.fit import HistoryModel, ResponseModel, fit_problem
 from jaxshroud.verbs.lanes import with_tangents
-from jaxshroud.verbs.options import resolve_options
 
 STEPS = 200
 HOW = js.RungeKutta(steps=STEPS)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.cli.response import _jump_rows, _place_text
+from jaxshroud.cli.orbits import _jump_rows, _place_text
 from jaxshroud.scene.checks import InputError
 
 ONE = ['parts.motion=["x"]', 'parts.neighbour="rigid"', "drive.M_0=0"]

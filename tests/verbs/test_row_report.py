@@ -10,8 +10,8 @@ import jaxshroud as js
 from jaxshroud.march.method import FAST
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.plotting.documents import TABLE_COLUMNS, Section, html_document, pdf_document, section_lines
+from jaxshroud.verbs.arguments import resolve_options
 from jaxshroud.verbs.attractors import row_motions
-from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.plan import plan_march
 
 METHOD = js.RungeKutta("dopri8", steps=100)

@@ -8,7 +8,7 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
-from jaxshroud.cli.response import _blades_text
+from jaxshroud.cli.orbits import _blades_text
 from jaxshroud.plotting.plot_amplitude import BROKEN_STYLE
 from jaxshroud.plotting.plot_branch import MARKERS
 from jaxshroud.scene import layout

@@ -10,8 +10,7 @@ import tomli_w
 
 import jaxshroud as js
 from jaxshroud.batch.plan import Plan
-from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.sector import folded
+from jaxshroud.batch.runs import folded, run_lanes
 from jaxshroud.batch.states import initial_states
 from jaxshroud.cli import commands as cli
 from jaxshroud.march.method import choices

@@ -9,7 +9,7 @@ import xarray as xr
 
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
-from jaxshroud.cli import table as command
+from jaxshroud.cli import design as command
 from jaxshroud.io.csv_text import read_csv
 from jaxshroud.results.table import DesignTable
 from jaxshroud.scene.designs import read_designs

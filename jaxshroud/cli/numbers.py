@@ -1,4 +1,7 @@
-"""The command `gradient`."""
+"""The commands of a scene's numbers: `gradient`, `fit` and `scatter`.
+
+They tell what each number does, what the numbers are by measurements, and how P_d scatters where they do.
+"""
 
 import argparse
 import sys
@@ -7,8 +10,9 @@ from typing import Any, cast
 import numpy as np
 
 from jaxshroud.batch.plan import Progress
-from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_verb
+from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_verb, write_files
 from jaxshroud.cli.drawing import draw
+from jaxshroud.cli.run_options import bounds, load_scene, scatters
 from jaxshroud.cli.terminal import (
     CommandError,
     files_written,
@@ -18,19 +22,29 @@ from jaxshroud.cli.terminal import (
     progress_bar,
     require_free,
 )
+from jaxshroud.io.files import write
+from jaxshroud.io.measurements import read_measurements
 from jaxshroud.io.store import write_json
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.orbits.bifurcation import grazing_margins
+from jaxshroud.results.fit import Fit, FittedNumber
 from jaxshroud.results.gradient import Gradient
+from jaxshroud.results.scatter import SHARES, Scatter
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import parse_key
-from jaxshroud.scene.preload import counted_reduction
 from jaxshroud.scene.quantities import Quantity, is_reduction, unit_of
-from jaxshroud.signals.amplitudes import check_resonance, check_vibration
+from jaxshroud.scene.scene import Scene
+from jaxshroud.signals.amplitudes import check_resonance, check_vibration, counted_reduction
 from jaxshroud.signals.effects import Effect, with_interval
+from jaxshroud.verbs.design_problem import design_corners, problem_of
+from jaxshroud.verbs.fit import fit_corners, fit_problem
 from jaxshroud.verbs.gradient import differences
+from jaxshroud.verbs.scattering import scatter_bounds
 
 CHECK_STEPS = (1e-4, 3e-5, 1e-5)  # relative
+
+
+# Gradient
 
 
 def _gradient_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
@@ -162,4 +176,97 @@ def _relative_error(exact: float, slopes: list[float]) -> float:
     return min(abs(slope - exact) for slope in slopes) / abs(exact)
 
 
+# Fit
+
+
+def _fit_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
+    """The measurements, which are looked at before anything is written, and the bounds."""
+    read_measurements(options.measurements)
+    return {"measurements": options.measurements, "over": bounds(file, options.over)}
+
+
+def _fit_corners(call: VerbCall) -> Scene:
+    """The scenes at the ends of the bounds; a fit that cannot be made is refused."""
+    return fit_corners(
+        fit_problem(call.file.scene, read_measurements(call.options.measurements), call.arguments["over"])
+    )
+
+
+def _output_fit(completed: CompletedCall) -> None:
+    found: Fit = completed.result
+    write_files(completed)
+    best = load_scene(completed.options, [f"{key}={value!r}" for key, value in found.value.items()])
+    write(completed.paths[-1], best.text().encode())
+    cells = [(key, f"{n.value:.6g}", *_interval_cells(n)) for key, n in found.numbers.items()]
+    print_columns("fitted numbers", ("number", "value [SI]", "from (95 %)", "to", "by"), cells)
+    print_table(completed.title, {**_fit_rows(found), "written": files_written()})
+
+
+def _interval_cells(number: FittedNumber) -> tuple[str, str, str]:
+    """The interval of a number, and what it is by."""
+    if not number.is_determined:
+        return "not", "determined", ""
+    return f"{number.low:.6g}", f"{number.high:.6g}", number.by
+
+
+def _fit_rows(found: Fit) -> dict[str, Any]:
+    noise = "given" if found.sigma_is_known else f"estimated from {found.noise_from}"
+    notes = {f"note {i}": note for i, note in enumerate(found.notes, 1)}
+    return {
+        "chi2": f"{found.chi2:.4g} for {found.freedom} degrees of freedom",
+        f"noise, {noise}": ", ".join(f"{name} {size:.3g}" for name, size in found.noise.items()) + " (SI)",
+        **(notes or {"determined": "every number"}),
+    }
+
+
+# Scatter
+
+
+def _scatter_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
+    spreads = {**bounds(file, options.over), **scatters(file, options)}
+    if not spreads:
+        raise CommandError("nothing scatters: give --over, --tolerance or --spread, e.g. --tolerance shroud.gap=10um")
+    return {"scatters": spreads}
+
+
+def _scatter_corners(call: VerbCall) -> Scene:
+    """The scenes at the ends of the scatter."""
+    scene = call.file.scene
+    of = call.options.of or counted_reduction(scene)
+    if is_reduction(of) and not call.options.over:
+        check_vibration(of, scene)
+    return design_corners(problem_of(scene, scatter_bounds(scene, call.arguments["scatters"]), {}))
+
+
+def _output_scatter(completed: CompletedCall) -> None:
+    write_files(completed)
+    scatter: Scatter = completed.result
+    heads = ("number", "low [SI]", "high [SI]", "alone (95 %)", "in all (95 %)")
+    shares = [_share_cells(scatter, i) for i in range(len(scatter.keys))]
+    print_columns(f"shares of the variance of {scatter.quantity}", heads, shares)
+    at_least, unit = completed.options.at_least is not None, unit_of(scatter.quantity)
+    rows = {
+        f"median of {scatter.quantity}": f"{scatter.median:.4g} {unit}",
+        "nine draws in ten": f"{scatter.likely_low:.4g} to {scatter.likely_high:.4g} {unit}",
+        **{name: getattr(scatter, name) for name in ("flat", "undefined") if getattr(scatter, name)},
+        **({f"P_d at least {scatter.at_least:g} %": f"probability {scatter.chance}"} if at_least else {}),
+        "stopped": f"{scatter.stopped} of {scatter.runs} runs",
+        "written": files_written(),
+    }
+    print_table(completed.title, rows)
+
+
+def _share_cells(scatter: Scatter, i: int) -> list[str]:
+    """A number with its bounds and its shares of the variance, with their intervals."""
+    shares = [scatter.share_text(name, i) for name in SHARES]
+    return [scatter.keys[i], f"{scatter.low[i]:.6g}", f"{scatter.high[i]:.6g}", *shares]
+
+
 gradient_command = Computation(prepare=_gradient_arguments, usual=FOR_P_D, run=_call_gradient, output=_output_gradient)
+fit_command = Computation(prepare=_fit_arguments, scenes=_fit_corners, output=_output_fit)
+scatter_command = Computation(
+    prepare=_scatter_arguments,
+    scenes=_scatter_corners,
+    usual=FOR_P_D,
+    output=_output_scatter,
+)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch import projection
 from jaxshroud.batch.periods import lanes_per_call
 from jaxshroud.batch.plan import Plan
+from jaxshroud.cli import projection
 from jaxshroud.march.method import FAST
 
 

@@ -1,7 +1,7 @@
 """Which reduction counts where blades are pressed or bent at rest."""
 
 import jaxshroud as js
-from jaxshroud.scene.preload import counted_reduction
+from jaxshroud.signals.amplitudes import counted_reduction
 
 
 def test_a_mean_load_or_interference_makes_the_vibration_count():

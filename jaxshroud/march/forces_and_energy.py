@@ -1,4 +1,4 @@
-"""What is observed of a state: the forces and the energy of contact, and the balance of energy."""
+"""The forces of contact in a state, the energy that is stored there, and the balance of energy."""
 
 from typing import Any, NamedTuple
 
@@ -12,13 +12,11 @@ from jaxshroud.march.events import place_contact
 from jaxshroud.model.arithmetic import ZERO, Scalar, blended, is_zero, summed, where
 from jaxshroud.model.contact_law import Slider, SummedForces
 from jaxshroud.model.drive import Waves
-from jaxshroud.model.face_points import FaceKinematics
-from jaxshroud.model.geometry import Case, Kinematics, Pose, is_upper, tip_is_left
-from jaxshroud.model.interface import EndTorques, law_forces
+from jaxshroud.model.geometry import Case, FaceKinematics, Kinematics, Pose, is_upper, tip_is_left
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.points_contact import interface_mode, points_last
 from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.model.rhs import Ledger, end_torques, stored_energy
+from jaxshroud.model.rhs import EndTorques, Ledger, end_torques, law_forces, stored_energy
 
 
 class ContactForces(NamedTuple):
