@@ -8,12 +8,13 @@ import pytest
 import reference
 from side_by_side import EXACT, counts, ends, energy_residual, relative_error, run, scene_of, sizes
 
+import jaxshroud as js
 from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.tangents import direction, tangents
 from jaxshroud.io.lane_status import LaneWarning
 from jaxshroud.march.accumulator import Counters
 from jaxshroud.march.events import evaluate_guards
-from jaxshroud.march.method import FAST_WITH_LEDGER, REFERENCE, RungeKutta
+from jaxshroud.march.method import FAST_WITH_LEDGER, REFERENCE, RungeKutta, Taylor, method_as_json, method_from_json
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import State, as_pairs, prepared_model
 from jaxshroud.model.rhs import Recorded, rhs
@@ -21,6 +22,8 @@ from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Contact, Drive, Friction, Scene, Shroud
 from jaxshroud.scene.vary import vary
+from jaxshroud.verbs.asked import choice_without_trial
+from jaxshroud.verbs.plan import choose
 from jaxshroud.verbs.simulate import simulate
 from jaxshroud.verbs.sweep import sweep
 
@@ -263,3 +266,36 @@ def test_motions_of_chattering_faces_do_not_jump(table1):
     assert np.ptp(run.counters["switch_23"]) == 0, run.counters["switch_23"]
     x = np.ravel(run.data["x"].isel(blade=0))
     assert np.max(np.abs(np.diff(x, 2))) < 1e-11 * np.max(np.abs(x))
+
+
+# --- the share of a period within which rocking faces become flat -----------------------------------------------------
+
+
+@pytest.mark.parametrize("share", [0, -1e-3, 2.0, float("nan"), "short", True])
+@pytest.mark.parametrize("kind", [RungeKutta, Taylor])
+def test_a_share_that_is_none_is_refused(kind, share):
+    with pytest.raises(ValueError, match="Argument `flat_return` must be a number above 0 and at most 1"):
+        kind(flat_return=share)
+
+
+@pytest.mark.parametrize("method", [RungeKutta("dopri8", 200, flat_return=1e-3), Taylor(flat_return=1e-4)])
+def test_files_hold_the_share(method):
+    assert method_from_json(method_as_json(method)) == method
+    assert method.replace(precision="float32").flat_return == method.flat_return
+
+
+def test_an_accuracy_sets_the_share():
+    row = js.load("row_ring12").scene
+    shares = [choice_without_trial(level, True, row).method.flat_return for level in (1e-3, 1e-6, 1e-9)]
+    np.testing.assert_allclose(shares, [1 / 2423, 1 / 38400, 1 / 608600], rtol=1e-3)
+    lanes = js.scenes_from({"contact.gamma": [2.5]}, js.load("table1").scene)
+    assert choose(lanes, 1, 1e-6).method.flat_return == pytest.approx(4 / 38400)  # where trials say that it is enough
+
+
+@pytest.mark.parametrize("share", [1 / 2400, 1 / 38400])
+def test_a_verb_marches_by_the_share_of_its_method(share):
+    # Nearly parallel faces, at a step that is longer than either share.
+    scene = js.load("table1", ["blades.I=2.46e-5", "drive.M_0=0.3", "shroud.gap=-20 um"]).scene
+    run = js.simulate(scene, n_periods=1, method=RungeKutta("rk4", 100, flat_return=share))
+    longer = js.simulate(scene, n_periods=1, method=RungeKutta("rk4", 100, flat_return=1.0))
+    assert (run.counters["switch_23"] > longer.counters["switch_23"]) == (share < 1 / 2400)

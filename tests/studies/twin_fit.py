@@ -112,9 +112,7 @@ def counts(histories: list[dict[str, Any]]) -> dict[str, Any]:
         "numbers": len(claimed),
         "claimed": sum(claimed),
         "claimed and held": sum(of_all("held")),
-        "claimed though seeds are unlike": sum(
-            claim for fit in unlike for claim in fit["claimed"]
-        ),
+        "claimed though seeds are unlike": sum(claim for fit in unlike for claim in fit["claimed"]),
         "widest claimed over linear": round(max(widths, default=math.nan), 2),
         "longest fit [s]": max(fit["seconds"] for fit in fits),
     }
