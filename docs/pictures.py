@@ -27,6 +27,20 @@ COMMANDS = {
         ],
         "speed.png",
     ),
+    "orders_level.png": (
+        [
+            f"sweep {ORDERS} --along drive.level --start 0.2 --stop 2 --num 40 --amplitudes --out level",
+            "plot level --kind amplitude --out level.png",
+        ],
+        "level.png",
+    ),
+    "orders_effects.png": (
+        [
+            f"gradient {ORDERS} --wrt 'drive.harmonic[1].F,drive.harmonic[1].phase,drive.F_x_mean[0],shroud.gap_at,"
+            "blades.B_x' --relative --out effects.json"
+        ],
+        "effects.png",
+    ),
     "simulate.png": ([f"simulate {SCENE} --periods 20 --out run.nc", "plot run.nc --width 90mm"], "run.png"),
     "row.png": (
         ["simulate row_ring12 --periods 6 --tableau dopri8 --steps-per-period 100 --out ring.nc", "plot ring.nc"],

@@ -49,6 +49,8 @@ CHECK_STEPS = (1e-4, 3e-5, 1e-5)  # relative
 
 def _gradient_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
     """The keys of --wrt."""
+    if options.out.suffix == ".png":
+        raise CommandError(f"--out {options.out}: must not end in .png; it holds JSON, beside which --relative draws")
     require_free(options.out, options.force)
     if options.relative:
         require_free(options.out.with_suffix(".png"), options.force)

@@ -49,7 +49,7 @@ def write(path: Path, content: bytes | memoryview, *, is_result: bool = True) ->
     """Write a file. What killed runs have left of it is removed first.
 
     Args:
-        path: The path of the file.
+        path: The path of the file; what a command has written there before is replaced.
         content: The whole content.
         is_result: Whether the file is a result, which a command puts in place with its others.
 
@@ -61,6 +61,9 @@ def write(path: Path, content: bytes | memoryview, *, is_result: bool = True) ->
     try:
         if is_result and _waiting is not None:
             remove_leftovers(path)
+            for earlier in [file for file in _waiting if file.path == path]:
+                _waiting.remove(earlier)
+                earlier.close()
             _waiting.append(WholeFile(path, content))
         else:
             write_whole(path, content)

@@ -52,6 +52,7 @@ LOCALISATION_STYLE: Properties = {
     **{"ms": MARKER_SIZE, "mec": INK, "mew": 0.5},
 }
 MAX_IN_LEGEND = 8  # members of a family
+DRAWN = "amplitude drawn"  # a name that no key has
 
 
 def _unit_in(ds: xr.Dataset, of: str, largest: float, appearance: Appearance) -> AmplitudeUnit:
@@ -102,7 +103,7 @@ def _draw_amplitude(panel: Axes, shown: AmplitudeContent, name: str) -> None:
     counted = _levels_of(ds, f"{name}_peak")
     levels = counted.to_numpy()
     unit = _unit_in(ds, f"{name}_peak", float(np.nanmax(levels, initial=0.0)), appearance)
-    _draw_directions(panel, counted.to_dataset(name="level").assign(status=ds["status"]), axis.values, unit)
+    _draw_directions(panel, counted.to_dataset(name=DRAWN).assign(status=ds["status"]), axis.values, unit)
     free = _levels_of(ds, f"{name}_free")
     free = free.isel(direction=0) if "direction" in free.dims else free
     panel.plot(axis.values, free.to_numpy() * unit.factor, **FREE_STYLE)
@@ -119,11 +120,11 @@ def _amplitude_limits(levels: PlotArray, free: PlotArray) -> tuple[float, float]
 
 
 def _draw_directions(panel: Axes, ds: xr.Dataset, values: PlotArray, unit: AmplitudeUnit) -> None:
-    """The amplitude `level` of each lane, in all directions of the sweep."""
+    """The amplitude `DRAWN` of each lane, in all directions of the sweep."""
     ways = list(DIRECTION_STYLES) if "direction" in ds.dims else [None]
     for way in ways:
         lanes = ds if way is None else ds.sel(direction=way)
-        level = np.where(lanes["status"].to_numpy() == Status.OK, lanes["level"].to_numpy(), np.nan) * unit.factor
+        level = np.where(lanes["status"].to_numpy() == Status.OK, lanes[DRAWN].to_numpy(), np.nan) * unit.factor
         _, color, marker, size = DIRECTION_STYLES[way] if way else ("", BLUE, "o", 2.0)
         line: Properties = {"lw": 0.8, "ls": "-"} if way is None else {"lw": 0, "ls": ""}
         panel.plot(values, level, marker=marker, ms=size, mew=0, color=color, **line)

@@ -240,6 +240,16 @@ def test_what_appears_during_a_run_is_kept_and_its_results_lie_beside_together(t
     assert len([*tmp_path.iterdir()]) == 5
 
 
+def test_what_a_command_writes_twice_is_there_once(tmp_path):
+    # It once looked for a free name without end, as the first of them took each.
+    with results_together():
+        refuse_existing(tmp_path / "result.json", force=False)
+        for content in (b"one", b"two"):
+            write(tmp_path / "result.json", content)
+    assert (tmp_path / "result.json").read_bytes() == b"two"
+    assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
+
+
 def test_what_is_forced_is_replaced_and_what_nobody_claimed_too(tmp_path):
     for name in ("forced.nc", "drawn.png"):
         (tmp_path / name).write_text("old")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import jaxshroud as js
 from jaxshroud.plotting.pictures import picture
 from jaxshroud.plotting.plot_sweep import MOTION_COLOURS
 from jaxshroud.plotting.style import STYLE, save_figure
@@ -428,3 +429,16 @@ def test_no_figure_stays_open():
 
     drawn(picture("power", power()))
     assert plt.get_fignums() == []
+
+
+@pytest.mark.parametrize("key", ["drive.level", "shroud.gap", "drive.omega", "friction.mu"])
+def test_amplitudes_are_drawn_along_any_key(key, tmp_path):
+    table1 = js.load("table1").scene
+    values = {"drive.level": [0.5, 1.0], "shroud.gap": [1e-5, 2e-5], "drive.omega": [530.0, 540.0]}
+    short = {"n_periods": 2, "transient": 1, "method": js.RungeKutta(steps=100)}
+    swept = js.sweep(table1, {key: values.get(key, [0.1, 0.2])}, amplitudes=True, **short)
+    swept.save(tmp_path / "sweep.nc")
+    figure = picture("amplitude", js.open(tmp_path / "sweep.nc").data)
+    drawn = figure.axes[0].lines[0].get_ydata()
+    assert drawn.shape == (2,)
+    assert np.all(drawn > 0)

@@ -167,6 +167,7 @@ def test_a_reading_may_be_a_word_or_a_list():
         ("simulate table1 --locate cubik --out a.nc", "did you mean `cubic`?"),
         ("tune table1 --goal wrst --over shroud.gap=1um:2um --out t", "did you mean `worst`?"),
         ("gradient table1 --of Pd --wrt shroud.gap --out g.json", "did you mean `P_d`?"),
+        ("gradient table1 --wrt shroud.gap --relative --out g.png", "must not end in .png"),
         ("explain table1 --accuracy banana", "must be fast, balanced, reference or a number"),
         ("explain table1 --accuracy balancd", "did you mean `balanced`?"),
         ("simulate table1 --set parts.contact=none --accuracy banana --out a.nc", "must be fast, balanced"),
