@@ -23,7 +23,7 @@ LEAST_SAMPLES = 256  # of a drive period, between which an extreme is looked for
 CLOSE = 1e-4  # relative distance within which an extreme may be the largest: above the error of the samples' cubics
 TIE = 1e-6  # relative distance of two extremes at which the derivative counts as one-sided
 MAX_SECANTS = 8
-PHASE_TOLERANCE = 1e-9  # of a drive period, of the place of an extreme
+PHASE_TOLERANCE = 1e-12  # of a drive period, of the place of an extreme: derivatives miss by some hundred times this
 
 
 class AmplitudeSlope(NamedTuple):

@@ -76,6 +76,15 @@ def test_the_mean_and_the_time_of_the_peak_count(found, monkeypatch):
     assert error(found, "x_peak", slopes(found, "x_peak").value) > 1e-3
 
 
+def test_where_the_search_for_a_peak_begins_does_not_count(found, monkeypatch):
+    # A phase moves the motion in time before all: the rate's derivative is large beside that of the peak.
+    true_place, exact = amplitude_slopes.turning_points, slopes(found, "x_peak", ["drive.phase[0]", *KEYS]).value
+    for shift in (8e-10, -8e-10, 1e-6):
+        moved = lambda *args, by=shift: [e._replace(turns=e.turns + by) for e in true_place(*args)]
+        monkeypatch.setattr(amplitude_slopes, "turning_points", moved)
+        assert slopes(found, "x_peak", list(exact)).value == pytest.approx(exact, rel=1e-10, abs=0)
+
+
 def test_amplitudes_without_contact_are_proportional_to_the_load():
     # Of a sinusoid the peaks on both sides of the mean tie, but move as one: no flag.
     apart = js.orbit(scene_at("shroud.gap=1"), method=FINE)
