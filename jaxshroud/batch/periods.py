@@ -156,12 +156,12 @@ class Clock(NamedTuple):
     start: Float[Array, ""]  # [turns]
     steps: Int[Array, ""]
     per_period: Float[Array, ""]
-    flat_return: Float[Array, ""]  # of a period, see `time_grid`
+    flat_return: Float[Array, ""] | Float[np.ndarray, ""]  # of a period, see `time_grid`
 
     @classmethod
     def from_phase_0(cls, steps: int, flat_return: float = FLAT_RETURN) -> "Clock":
         """The grid of whole periods of so many steps from drive phase 0."""
-        return cls(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(float(steps)), jnp.asarray(flat_return))
+        return cls(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(float(steps)), np.asarray(flat_return))
 
     def grids(self, periods: Float[Array, " lanes"]) -> TimeGrid:
         """The time grid of each lane from its drive period."""

@@ -32,8 +32,8 @@ class Plan:
     @property
     def clock(self) -> Clock:
         """The grid of whole periods from the sampling phase."""
-        clock = Clock.from_phase_0(self.steps_per_period, self.method.flat_return)
-        return clock._replace(start=jnp.asarray(self.phase / (2 * np.pi)))
+        n, flat_return = self.steps_per_period, np.asarray(self.method.flat_return)
+        return Clock(jnp.asarray(self.phase / (2 * np.pi)), jnp.int32(n), jnp.asarray(float(n)), flat_return)
 
     @property
     def lead_in(self) -> Clock | None:
@@ -42,8 +42,8 @@ class Plan:
         steps = int(np.ceil(turns * self.steps_per_period))
         if not steps:
             return None
-        clock = Clock.from_phase_0(steps, self.method.flat_return)
-        return clock._replace(per_period=jnp.asarray(steps / turns))
+        flat_return = np.asarray(self.method.flat_return)
+        return Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(steps / turns), flat_return)
 
 
 class Ticker:

@@ -67,9 +67,9 @@ class SampleGrid(NamedTuple):
 
     def clock(self, scenes: Scene, method: Choices) -> Clock:
         """The time grid of a method in the precision of the scenes."""
-        numbers = (self.turns, self.steps, method.flat_return)
-        start, steps, flat_return = (jnp.asarray(a, scenes.drive.omega.dtype) for a in numbers)
-        return Clock(start, jnp.int32(self.steps), steps, flat_return)
+        dtype = scenes.drive.omega.dtype
+        start, steps = jnp.asarray(self.turns, dtype), jnp.asarray(self.steps, dtype)
+        return Clock(start, jnp.int32(self.steps), steps, np.asarray(method.flat_return, dtype))
 
 
 class Stretch(NamedTuple):

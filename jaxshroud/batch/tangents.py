@@ -59,7 +59,7 @@ def _run_in_calls(
     counts, lengths = jnp.int32(steps), None
     if turns is not None:
         counts, lengths = jnp.asarray(np.ceil(steps * turns), jnp.int32), jnp.asarray(turns, omega.dtype)
-    program, flat = march_of(scenes.value).flows, jnp.asarray(method.flat_return, omega.dtype)
+    program, flat = march_of(scenes.value).flows, np.asarray(method.flat_return, omega.dtype)
     lanes, done, pace = program.begin(scenes, states, method), 0, CallPace(first_passes(len(omega), layout))
     while done < n:
         check()
