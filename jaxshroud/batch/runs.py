@@ -106,6 +106,7 @@ class SweepHandover:
 
     state: State | None = None  # at the end of the previous value; None at the first
     arrived: np.ndarray | None = None  # which lanes reached it; the others start afresh
+    history: "list[SweepHandover] | None" = None  # from each value so far to the next; None: not kept
 
 
 def independent_runs(
@@ -168,6 +169,8 @@ def continued_runs(
             raise Interrupted(completed_runs(runs, concatenate)) from None
         arrived = run.last.status == Status.OK  # a lane that has stopped starts afresh
         relay.state, relay.arrived = select_lanes(arrived, final_states(run.last.state), fresh), arrived
+        if relay.history is not None:
+            relay.history.append(SweepHandover(relay.state, relay.arrived))
     return concatenate(runs)
 
 

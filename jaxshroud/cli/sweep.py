@@ -281,13 +281,18 @@ def _summary(request: SweepRequest, result: SweepResult) -> dict[str, Any]:
 
 
 def _jump_places(result: SweepResult) -> dict[str, str]:
-    """The values before which the motion jumps in each direction, in the unit of pictures."""
+    """The values before which the motion jumps, or is steep, in each direction, in the unit of pictures."""
     key = next(iter(result.axes), "")
 
     def text(value):
         return display_value(*parse_key(key)[0].parts, value)
 
-    return {f"jumps {direction}": ", ".join(map(text, values)) for direction, values in result.jumps.items()}
+    places = {"jumps": result.jumps, "steep": result.steep_places}
+    return {
+        f"{kind} {direction}": ", ".join(map(text, values))
+        for kind, by_direction in places.items()
+        for direction, values in by_direction.items()
+    }
 
 
 def _best_row(summary: Mapping[str, Any]) -> dict[str, str]:

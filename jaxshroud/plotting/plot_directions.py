@@ -75,13 +75,18 @@ def _finish_directions(figure: AnyFigure, axes: Mapping[str, Axes], directions: 
 def _mark_jumps(panel: Axes, directions: Directions) -> None:
     """Shade where motions coexist, and draw lines where they jump, once all directions have been run."""
     ds, edges = directions.ds, directions.axis.edges
-    if "jump" not in ds:
+    if "coexisting" not in ds:
         return
     for i in np.flatnonzero(ds["coexisting"].to_numpy()):
         panel.axvspan(edges[i], edges[i + 1], color=SHADE, lw=0, zorder=0)
     for direction, positions in (("forward", edges[:-1]), ("backward", edges[1:])):
-        for x in positions[ds["jump"].sel(direction=direction).to_numpy() > 0]:
+        for x in positions[ds[_abrupt(ds)].sel(direction=direction).to_numpy() > 0]:
             panel.axvline(x, color=DIRECTION_STYLES[direction][1], lw=0.7, ls=":", zorder=1)
+
+
+def _abrupt(ds: xr.Dataset) -> str:
+    """What is known of places where the motion changes much: it jumps, or is steep where nobody has looked closer."""
+    return "jump" if "jump" in ds else "steep"
 
 
 def _draw_direction_samples(panel: Axes, directions: Directions) -> None:
@@ -126,10 +131,10 @@ def _direction_handles(ds: xr.Dataset) -> list[Artist]:
     ]
     for appearance in (REDUCTIONS[name] for name in _reductions_in(ds)[:-1]):
         handles.append(Line2D([], [], ls="", marker="o", ms=3.7, color=INK, label="worst blade", **appearance))
-    if "jump" not in ds:
+    if "coexisting" not in ds:
         return handles
-    if ds["jump"].to_numpy().any():
-        handles.append(Line2D([], [], ls=":", lw=0.8, color=INK, label="jump"))
+    if ds[_abrupt(ds)].to_numpy().any():
+        handles.append(Line2D([], [], ls=":", lw=0.8, color=INK, label=_abrupt(ds)))
     if ds["coexisting"].to_numpy().any():
         handles.append(Patch(color=SHADE, label="motions coexist"))
     return handles

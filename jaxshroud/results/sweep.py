@@ -17,7 +17,7 @@ from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import SINGLE_DIRECTIONS, Direction, Layout
 from jaxshroud.scene.units import in_rpm
 from jaxshroud.signals.effects import flat_text, told_difference
-from jaxshroud.signals.orbit_distance import NEIGHBOURING_STEPS, SweptMotion, find_jumps, motions_differ
+from jaxshroud.signals.orbit_distance import NEIGHBOURING_STEPS, SweptMotion, motions_differ, steep_steps
 from jaxshroud.signals.period import UNKNOWN_IF_SETTLED
 
 if TYPE_CHECKING:
@@ -79,7 +79,10 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
     counters = CountsVariable("events in the kept periods")
     phase = Attribute(name="drive_phase")  # of the samples [rad]
     period_tol = Attribute()  # of the period number
-    jump = Variable("", stored=np.int8, kind=bool)  # this and the next: only in sweeps in several directions
+    jump = Variable(
+        "the motion jumps between this value and the one before it in the direction", stored=np.int8, kind=bool
+    )  # this and the next two: only in sweeps in several directions; `jump` once the steep steps were halved
+    steep = Variable("", stored=np.int8, kind=bool)
     coexisting = Variable("", stored=np.int8, kind=bool)
     inaccurate = Variable("estimated to miss the accuracy asked for", stored=np.int8, kind=bool)
     unconfirmed = Variable("settled elsewhere than a finer march", stored=np.int8, kind=bool)
@@ -118,10 +121,19 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
     @property
     def jumps(self) -> dict[str, list[float]]:
         """Direction -> the values before which the motion jumps, in SI units; empty if there is no such direction."""
-        if self.jump is None:
+        return self._marked_values(self.jump)
+
+    @property
+    def steep_places(self) -> dict[str, list[float]]:
+        """Direction -> the values before which the motion may jump; empty where `jumps` has the answer."""
+        return {} if self.jump is not None else self._marked_values(self.steep)
+
+    def _marked_values(self, marks: np.ndarray | None) -> dict[str, list[float]]:
+        """Direction -> the values at which there are marks (direction, values)."""
+        if marks is None:
             return {}
         ((_, values),) = self.axes.items()
-        rows = zip(self.data[DIRECTION].to_numpy().tolist(), self.jump, strict=True)
+        rows = zip(self.data[DIRECTION].to_numpy().tolist(), marks, strict=True)
         return {direction: values[row].tolist() for direction, row in rows if row.any()}
 
     @property
@@ -183,10 +195,11 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
 
 def _direction_numbers(result: SweepResult) -> dict[str, object]:
     """Where the motion jumps and where motions coexist, of a sweep in several directions."""
-    if result.jump is None:
+    if result.coexisting is None:
         return {}
     jumps = {f"jumps {direction}": values for direction, values in result.jumps.items()}
-    return {"values with coexisting motions": int(result.coexisting.sum()), **jumps}
+    steep = {f"steep {direction}": values for direction, values in result.steep_places.items()}
+    return {"values with coexisting motions": int(result.coexisting.sum()), **jumps, **steep}
 
 
 def _settling_numbers(result: SweepResult, ok: np.ndarray) -> dict[str, float]:
@@ -259,7 +272,7 @@ def _variables_by_direction(data: "xr.Dataset") -> list[str]:
 
 
 def compare_directions(data: "xr.Dataset") -> "dict[str, xr.Variable]":
-    """Where motions jump and where they coexist, from sweeps along one number in all directions; empty for others."""
+    """Where motions are steep and where they coexist, from sweeps along one number in all directions; else empty."""
     import xarray as xr
 
     dims = data["status"].dims
@@ -270,23 +283,23 @@ def compare_directions(data: "xr.Dataset") -> "dict[str, xr.Variable]":
     windows = [(first, min(first + VALUES_AT_ONCE, n)) for first in range(0, n, VALUES_AT_ONCE)]
     parts = [data.isel({dim: slice(*ends)}) for ends in windows]
     sizes = [max(_size(part[name]) for part in parts) or 1.0 for name in Motion._fields]
-    jumped, coexist = np.zeros((len(SINGLE_DIRECTIONS), n), np.int8), np.zeros(n, np.int8)
+    steep, coexist = np.zeros((len(SINGLE_DIRECTIONS), n), np.int8), np.zeros(n, np.int8)
     for first, last in windows:
         # The neighbours on both sides tell how large a usual step is.
         before, after = min(first, NEIGHBOURING_STEPS), min(n - last, NEIGHBOURING_STEPS + 1)
         window = data.isel({dim: slice(first - before, last + after)})
-        rows = [_lane_motions(window.sel({DIRECTION: way}), sizes) for way in SINGLE_DIRECTIONS]
+        rows = [lane_motions(window.sel({DIRECTION: way}), sizes) for way in SINGLE_DIRECTIONS]
         columns = list(zip(*rows, strict=True))[before : before + last - first]
         coexist[first:last] = [any(motions_differ(a, b) for a, b in combinations(column, 2)) for column in columns]
         for row, way in enumerate(SINGLE_DIRECTIONS):
             if way != "independent":
-                jumps = find_jumps(rows[row])[before : before + last - first]  # between each value and the next
+                large = steep_steps(rows[row])[before : before + last - first]  # between each value and the next
                 begin = first + (way == "forward")
-                jumped[row, begin : begin + len(jumps)] = jumps
-    jump_attrs = {"long_name": "the motion jumps between this value and the one before it in the direction"}
+                steep[row, begin : begin + len(large)] = large
+    steep_attrs = {"long_name": "a large step between this value and the one before it in the direction: it may jump"}
     coexisting_attrs = {"long_name": "motions from different directions differ: they coexist"}
     return {
-        "jump": xr.Variable((DIRECTION, dim), jumped, jump_attrs),
+        "steep": xr.Variable((DIRECTION, dim), steep, steep_attrs),
         "coexisting": xr.Variable((dim,), coexist, coexisting_attrs),
     }
 
@@ -298,10 +311,15 @@ def _size(part: "xr.DataArray") -> float:
 
 def swept_motions(data: "xr.Dataset") -> list[SweptMotion]:
     """The motions of the lanes of a sweep with one leading axis, each quantity relative to its largest value."""
-    return _lane_motions(data, [_size(data[name]) or 1.0 for name in Motion._fields])
+    return lane_motions(data, motion_sizes(data))
 
 
-def _lane_motions(data: "xr.Dataset", sizes: Sequence[float]) -> list[SweptMotion]:
+def motion_sizes(data: "xr.Dataset") -> list[float]:
+    """The largest magnitude of each quantity of the motion."""
+    return [_size(data[name]) or 1.0 for name in Motion._fields]
+
+
+def lane_motions(data: "xr.Dataset", sizes: Sequence[float]) -> list[SweptMotion]:
     """The motions of one direction, each quantity relative to its largest value in all directions."""
     order = data.transpose(*data["status"].dims, "period", "blade", ...)
     scaled = [order[name].to_numpy() / size for name, size in zip(Motion._fields, sizes, strict=True)]

@@ -1,4 +1,4 @@
-"""Distances between orbits, as sets of points at one phase of the drive, and the jumps that they show along a sweep.
+"""Distances between orbits, as sets of points at one phase of the drive, and the steps that they take along a sweep.
 
 Period numbers do not distinguish motions, and two lanes on one orbit may differ by whole periods. An orbit is therefore
 the set of its points at the strobe, and an aperiodic motion the set of the points that were kept.
@@ -16,8 +16,8 @@ from jaxshroud.scene.typed import FloatArray
 SAME_SET_RATIO, OTHER_SET_RATIO = 2.0, 4.0
 # smallest distance of different motions, over their size, and over their drift in a period
 MIN_DISTANCE, DRIFT_MULTIPLE = 0.01, 10.0
-# smallest distance of a jump, also over the median of so many neighbouring steps
-MIN_JUMP, JUMP_RATIO, NEIGHBOURING_STEPS = 0.05, 5.0, 4
+# smallest distance of a step that may be a jump, also over the median of so many neighbouring steps
+MIN_STEP, STEP_RATIO, NEIGHBOURING_STEPS = 0.05, 5.0, 4
 
 
 def set_distance(a: FloatArray, b: FloatArray) -> float:
@@ -89,6 +89,13 @@ def motions_differ(a: SweptMotion, b: SweptMotion) -> bool:
     return fill_one_set(a.points, b.points) is False
 
 
+def are_one_motion(a: SweptMotion, b: SweptMotion) -> bool:
+    """Whether two lanes of one scene are known to have the same motion."""
+    if not (np.isfinite(a.points).all() and np.isfinite(b.points).all() and a.settled and b.settled):
+        return False
+    return not motions_differ(a, b) if a.number or b.number else fill_one_set(a.points, b.points) is True
+
+
 def number_motions(lanes: Sequence[SweptMotion]) -> np.ndarray:
     """The number of each lane's motion, (n,), in the order in which they are first met; -1 where it has not settled.
 
@@ -105,20 +112,21 @@ def number_motions(lanes: Sequence[SweptMotion]) -> np.ndarray:
     return numbers
 
 
-def find_jumps(lanes: list[SweptMotion]) -> np.ndarray:
-    """Whether the motion jumps between each value and the next, (n - 1,), from lanes in order of the values."""
-    steps = np.array([_step_distance(a, b) for a, b in pairwise(lanes)])
-    jumps = np.zeros(len(steps), bool)
+def steep_steps(lanes: list[SweptMotion]) -> np.ndarray:
+    """Whether the motion may jump between each value and the next, (n - 1,), from lanes in order of the values."""
+    steps = np.array([step_distance(a, b) for a, b in pairwise(lanes)])
+    steep = np.zeros(len(steps), bool)
     for i, step in enumerate(steps):
         neighbours = np.delete(
             steps[max(i - NEIGHBOURING_STEPS, 0) : i + NEIGHBOURING_STEPS + 1], min(i, NEIGHBOURING_STEPS)
         )
         usual_step = np.nanmedian(neighbours) if np.isfinite(neighbours).any() else 0.0
-        jumps[i] = step > max(MIN_JUMP, JUMP_RATIO * usual_step)
-    return jumps
+        steep[i] = step > max(MIN_STEP, STEP_RATIO * usual_step)
+    return steep
 
 
-def _step_distance(a: SweptMotion, b: SweptMotion) -> float:
+def step_distance(a: SweptMotion, b: SweptMotion) -> float:
+    """The distance of the orbits of two lanes; NaN where one of them stopped."""
     if not (np.isfinite(a.points).all() and np.isfinite(b.points).all()):
         return float("nan")
     return set_distance(a.orbit, b.orbit)

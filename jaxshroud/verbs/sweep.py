@@ -2,8 +2,9 @@
 
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from jaxtyping import ArrayLike
 
 from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Plan, Progress, Ticker
+from jaxshroud.batch.runs import SweepHandover
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.io.lane_status import warn_failures
 from jaxshroud.march.method import FOR_P_D
@@ -26,6 +28,7 @@ from jaxshroud.scene.valid import in_precision
 from jaxshroud.signals.period import PERIOD_TOLERANCE
 from jaxshroud.verbs.arguments import ResolvedOptions, check_row, flatten_lanes, refuse_traced, resolve_options
 from jaxshroud.verbs.asked import MethodArgument
+from jaxshroud.verbs.jumps import with_jumps
 from jaxshroud.verbs.plan import plan_march, warn_missed
 from jaxshroud.verbs.stored import SweepTask, store_sweep
 from jaxshroud.verbs.sweep_run import (
@@ -74,7 +77,8 @@ def sweep(
         direction: "independent" (the default): every lane starts from `scene.initial`. "forward" or "backward": along
             the first key each value starts from the final state of its neighbour, including slider and mode. "both":
             these two and "independent", in a leading dimension `direction`; over one key the result shows where the
-            motion jumps (`jump`) and where the directions reach different motions (`coexisting`).
+            motion jumps (`jump`; every large step is halved up to five times for this, in stores and of interrupted
+            runs it is told as `steep`) and where the directions reach different motions (`coexisting`).
         phase: Drive phase omega t at which samples are taken, 0 <= phase < 2 pi [rad].
         period_tol: Tolerance of the period number, see `periodicity`.
         ledger: Keep the energy balance of every lane.
@@ -174,7 +178,7 @@ def sweep(
     if path is not None:
         result = store_sweep(SweepTask(grid, states, direction, settings), path, scheduler)
     elif direction == "both":
-        result = _in_all_directions(lambda single: run_direction(grid, states, single, settings))
+        result = _in_all_directions(grid, states, settings)
     else:
         result = confirmed_run(lambda how: run_direction(grid, states, direction, how), settings)
     warn_failures(result.status, result.chatter, throw=throw)
@@ -183,20 +187,40 @@ def sweep(
     return result
 
 
-def _in_all_directions(run_direction: Callable[[Direction], SweepResult]) -> SweepResult:
-    """The result of a sweep in all directions.
+def _in_all_directions(grid: Grid, states: State | None, settings: SweepSettings) -> SweepResult:
+    """The result of a sweep in all directions, with its jumps where it is along one number alone.
 
     Raises:
         Interrupted: Ctrl-C; `done` has the directions that had ended, and the finished part of the current one.
     """
     results: dict[str, SweepResult] = {}
+    ends: dict[str, list[SweepHandover]] = {}
     for direction in SINGLE_DIRECTIONS:
+        handover = SweepHandover(history=[])
         try:
-            results[direction] = run_direction(direction)
+            results[direction] = run_sweep(grid, states, direction, settings, handover)
         except Interrupted as stopped:
             finished = results if stopped.done is None else {**results, direction: stopped.done}
             raise Interrupted(overlay_directions(finished) if finished else None) from None
-    return overlay_directions(results)
+        if handover.history:
+            ends[direction] = handover.history
+    result = overlay_directions(results)
+    if result.steep is None:
+        return result
+    try:
+        return with_jumps(result, ends, partial(_lane_between, grid, settings))
+    except Interrupted:
+        raise Interrupted(result) from None
+
+
+def _lane_between(grid: Grid, settings: SweepSettings, value: float, handover: SweepHandover) -> SweepResult:
+    """A lane between two values of a sweep along one number, from where a neighbour has ended."""
+    axes = {key: np.array([value]) for key in grid.axes}
+    scenes = flatten_lanes(grid_of_scenes(grid.resolved.scene, axes), len(axes))
+    lane = in_precision(without_given(scenes), settings.march.method.precision)
+    settings.ticker.total += lane_periods(settings.plan, lyapunov=False)
+    untried = settings._replace(march=settings.march.untried)
+    return run_sweep(Grid(grid.resolved, lane, axes), None, "forward", untried, handover)
 
 
 def _store_path(store: str | os.PathLike[str] | None, resume: bool) -> Path | None:

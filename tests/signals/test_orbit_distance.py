@@ -7,10 +7,10 @@ from jaxshroud.signals.orbit_distance import (
     SweptMotion,
     containing_set,
     fill_one_set,
-    find_jumps,
     motions_differ,
     number_motions,
     set_distance,
+    steep_steps,
 )
 
 
@@ -62,12 +62,12 @@ def lane(x, number=1):
     )
 
 
-def test_jumps_are_not_slopes():
+def test_steep_steps_are_not_slopes():
     values = np.linspace(0, 1, 30)
     smooth = [lane(v) for v in np.sqrt(values) + 0.1]  # as steep as an orbit is beyond a flip
-    assert not find_jumps(smooth[1:]).any()
+    assert not steep_steps(smooth[1:]).any()
     broken = [lane(v + (0.4 if i >= 12 else 0)) for i, v in enumerate(0.3 * values)]
-    assert np.flatnonzero(find_jumps(broken)).tolist() == [11]
+    assert np.flatnonzero(steep_steps(broken)).tolist() == [11]
 
 
 def test_motions_of_equal_period_number_differ_by_their_distance():
