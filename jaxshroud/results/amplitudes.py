@@ -16,6 +16,7 @@ PEAK = "amplitude of {}: its largest distance from its mean, between steps too"
 FREE = "amplitude of {} without contact, closed form"
 EACH = ("interface",)
 AT_POINTS = ("interface", "point")  # the dimensions of what is told of each point
+ENERGY_DROPPED = "largest energy dropped in a period by beginnings of flat contact, over the drive's gross work"
 
 
 class WithAmplitudes:

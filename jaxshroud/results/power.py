@@ -10,7 +10,7 @@ import numpy as np
 from jaxshroud.io.lane_status import FLAGS
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Variable
-from jaxshroud.results.amplitudes import WithAmplitudes, WithLoads
+from jaxshroud.results.amplitudes import ENERGY_DROPPED, WithAmplitudes, WithLoads
 from jaxshroud.results.base import Result
 from jaxshroud.scene.checks import InputError
 from jaxshroud.signals.effects import told_difference, with_interval
@@ -143,6 +143,7 @@ class PowerResult(WithAmplitudes, WithLoads, WithEquivalent, Result):
     final_P = Variable("average power, Eq. (23)", "m4", ("blade",))
     final_P_0 = Variable("average power without contact, closed form", "m4", ("blade",))
     final_energy_residual = FinalNumber("largest energy residual of a period over the drive's mean work", "1")
+    final_energy_dropped = FinalNumber(ENERGY_DROPPED, "1")
 
     @property
     def final(self) -> dict[str, Any]:

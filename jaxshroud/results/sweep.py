@@ -11,7 +11,14 @@ from jaxshroud.io.scene_numbers import dimension, key_attrs
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, CountsVariable, MotionVariable, Variable
 from jaxshroud.model.modes import Status
-from jaxshroud.results.amplitudes import WithAmplitudes, WithLoads, amplitude_numbers, largest_of_lanes, load_numbers
+from jaxshroud.results.amplitudes import (
+    ENERGY_DROPPED,
+    WithAmplitudes,
+    WithLoads,
+    amplitude_numbers,
+    largest_of_lanes,
+    load_numbers,
+)
 from jaxshroud.results.base import Result
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import SINGLE_DIRECTIONS, Direction, Layout
@@ -73,9 +80,7 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
     lyapunov_ci = Variable("half width of its 95 % interval", "1")
     interface_v_max = Variable("largest penetration at each interface; in rows only", "m", ("interface",))
     energy_residual = Variable("largest energy residual of a period over the drive's mean work", "1")
-    energy_dropped = Variable(
-        "largest energy dropped in a period by beginnings of flat contact, over the drive's gross work", "1"
-    )
+    energy_dropped = Variable(ENERGY_DROPPED, "1")
     counters = CountsVariable("events in the kept periods")
     phase = Attribute(name="drive_phase")  # of the samples [rad]
     period_tol = Attribute()  # of the period number

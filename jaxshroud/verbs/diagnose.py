@@ -36,7 +36,7 @@ from jaxshroud.signals.averages import Reduction, averages, convergence, period_
 from jaxshroud.signals.period import SETTLED, Repetition
 from jaxshroud.signals.waves import RowWave
 from jaxshroud.verbs.arguments import ResolvedOptions, check_row, one_scene, resolve_options
-from jaxshroud.verbs.asked import Asked, MarchPlan, MethodArgument
+from jaxshroud.verbs.asked import Asked, Choice, MarchPlan, MethodArgument
 from jaxshroud.verbs.lanes import RequestedLanes, with_tangents
 from jaxshroud.verbs.plan import missed_lanes, plan_march, warn_missed
 from jaxshroud.verbs.power import power
@@ -57,6 +57,8 @@ class JudgedMotion(NamedTuple):
     events: bool  # whether the states at events are kept too
     method: Asked
     told: Callable[[Trajectory], dict[str, object]]  # the verdict and its evidence, by the names of `Diagnosis`
+    missed: np.ndarray | None = None  # whether the march misses the accuracy asked for; None: it was not tried for one
+    tried: Choice | None = None
 
 
 class RowEvidence(NamedTuple):
@@ -83,12 +85,12 @@ def motion_of_row(
     found = _evidence(scenes, start, march, resolved.transient, progress)
     stopped = found.status != Status.OK
     return JudgedMotion(
-        found.status,
-        jax.tree.map(lambda a: np.asarray(a)[0], start if stopped else found.last),
-        found.periods if stopped else max(LEAST_SHOWN, SHOWN_ORBITS * int(found.orbit.number[0])),
-        False,
-        march.untried.again,
-        partial(_row_evidence, found),
+        status=found.status,
+        start=jax.tree.map(lambda a: np.asarray(a)[0], start if stopped else found.last),
+        shown=found.periods if stopped else max(LEAST_SHOWN, SHOWN_ORBITS * int(found.orbit.number[0])),
+        events=False,
+        method=march.untried.again,
+        told=partial(_row_evidence, found),
     )
 
 
@@ -241,6 +243,8 @@ def diagnose(
     found = judge(scene, resolved, state, progress)
     shown = {"n_periods": found.shown, "events": found.events, "method": found.method}
     run = simulate(scene, state=found.start, throw=throw, **shown)
+    if found.missed is not None and found.tried is not None:
+        warn_missed(found.missed, found.tried, run.energy_dropped)
     diagnosis = Diagnosis.from_values(found.told(run), layout=resolved.scene.layout).data
     data = run.data.assign(diagnosis.data_vars).assign_attrs(diagnosis.attrs)
     if found.status != Status.OK and run.status == Status.OK:  # the verdict's march went further than the samples
@@ -258,19 +262,20 @@ def motion_of_pair(
     shooting = ShootingOptions(march.steps, CLOSING_TOLERANCE[march.method.precision], march.method)
     ticker = Ticker(resolved.transient + (2**VERDICT_ROUNDS - 1) * Stretches().all, progress)
     (verdict,) = verdicts(one_lane(precise), one_lane(initial), resolved.transient, shooting, tick=ticker)
-    if march.tried is not None:
-        ends = partial(end_states, ledger=True, vibration=True)  # by the programs of the verdict
-        warn_missed(missed_lanes(resolved.lanes, march.tried, ends), march.tried)
+    ends = partial(end_states, ledger=True, vibration=True)  # by the programs of the verdict
+    missed = None if march.tried is None else missed_lanes(resolved.lanes, march.tried, ends)
     stopped = verdict.kind == "stopped"
     shown = MIN_STORED_ORBITS * verdict.q if verdict.q else APERIODIC_PERIODS
     settled = {} if stopped else _settled_evidence(scene, precise, verdict, march)
     return JudgedMotion(
-        int(verdict.evidence.status),
-        initial if stopped else verdict.evidence.last,
-        verdict.periods if stopped else max(MIN_STORED_PERIODS, shown),
-        precise.parts.contact == "spring" and not stopped,
-        march.untried.again,
-        lambda _: _verdict_values(verdict) | settled,
+        status=int(verdict.evidence.status),
+        start=initial if stopped else verdict.evidence.last,
+        shown=verdict.periods if stopped else max(MIN_STORED_PERIODS, shown),
+        events=precise.parts.contact == "spring" and not stopped,
+        method=march.untried.again,
+        told=lambda _: _verdict_values(verdict) | settled,
+        missed=missed,
+        tried=march.tried,
     )
 
 

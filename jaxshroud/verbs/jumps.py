@@ -73,7 +73,7 @@ def with_jumps(
     for way in ends:
         row = SINGLE_DIRECTIONS.index(way)
         order = list(range(len(values)))[:: -1 if way == "backward" else 1]
-        for place in np.flatnonzero(result.steep[row][order]):
+        for place in np.flatnonzero(result.steep[row][order]).tolist():
             start, stop = order[place - 1], order[place]
             is_free = apart[way][start] and apart[way][stop]  # of which there is one motion alone
             if is_free or (alike[start] and alike[stop]):

@@ -225,12 +225,14 @@ def warn_missed(missed: np.ndarray, choice: Choice, dropped: np.ndarray | None =
     Args:
         missed: Whether each lane misses the accuracy.
         choice: The method, with the accuracy.
-        dropped: The energy that beginnings of flat contact dropped in each lane over the drive's work, if it is known.
+        dropped: The energy that beginnings of flat contact dropped in each lane, over the gross work of the drive.
     """
     if missed.any():
         text = f"{missed.sum()} of {missed.size} runs miss the accuracy of {choice.accuracy:.0e} within three periods"
         share = 0.0 if dropped is None else float(np.max(np.nan_to_num(dropped), initial=0.0))
-        told = f"; where faces became flat, up to {share:.0e} of the drive's work was dropped" if share > 0 else ""
+        told = (
+            f"; where faces became flat, up to {share:.0e} of the drive's gross work was dropped" if share > 0 else ""
+        )
         warnings.warn(text + told, AccuracyWarning, stacklevel=4)
 
 

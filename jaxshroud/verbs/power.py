@@ -36,6 +36,7 @@ from jaxshroud.signals.averages import (
     closed_forms,
     convergence,
     period_reductions,
+    relative_drop,
     relative_residual,
 )
 from jaxshroud.signals.equivalent import equivalent_values
@@ -102,6 +103,7 @@ def _summaries(
         return a.reshape(*a.shape[:2], -1).sum(axis=-1)  # of all interfaces
 
     kept |= {name: counted_mean(total(getattr(joined, sample)), counted) for name, sample in WORKS.items()}
+    kept["final_energy_dropped"] = relative_drop(joined)
     kept |= {"final_P_d_vibration": reduction.P_d_vibration, "final_P_d_vibration_ci": reduction.vibration_ci}
     if scenes.row is not None:
         kept["final_P_d_worst"] = power_reduction(reduction.P, P_0).min(axis=-1)
@@ -247,8 +249,7 @@ def power(
     warn_failures(result.status, chatter, throw=throw)
     if march.tried is not None:
         missed = missed_lanes(lanes, march.tried, partial(end_states, ledger=True, vibration=True))
-        work = np.asarray(result.work_drive, float)
-        warn_missed(missed, march.tried, result.loss_flat / np.where(work > 0, work, np.nan))
+        warn_missed(missed, march.tried, result.final_energy_dropped)
     return result
 
 
