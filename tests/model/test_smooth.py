@@ -49,7 +49,7 @@ def differences(table1, widths, periods=1, **parts):
     return np.array(errors)
 
 
-@pytest.mark.release(only=["no friction", "full"])  # studies/smooth_width.py
+@pytest.mark.release(only=["no friction", "full"])
 @pytest.mark.full
 @pytest.mark.parametrize(
     ("parts", "rate"),

@@ -1,10 +1,9 @@
-"""Small samples of the studies of throughput and of projections: they run, and have every number. No time counts."""
+"""A small sample of the study of projections: it runs, and has every number. No time counts."""
 
 import math
 
 import projection
 import pytest
-import throughput
 
 pytestmark = pytest.mark.studies
 
@@ -14,16 +13,6 @@ def numbers(found) -> list[float]:
     if isinstance(found, dict):
         found = list(found.values())
     return [n for each in found for n in numbers(each)] if isinstance(found, list) else [float(found)]
-
-
-@pytest.mark.full
-def test_devices_and_workers_find_what_processes_do():
-    found = throughput.measured(128, 1, ['parts.motion=["x"]'])
-    assert found["same results"]
-    for kind in ("lanes per second", "lanes per processor second"):
-        assert set(found[kind]) == {*throughput.WAYS, "median ratios"}
-        assert set(found[kind]["median ratios"]) == set(throughput.AGAINST)
-    assert all(n > 0 and math.isfinite(n) for n in numbers(found))
 
 
 @pytest.mark.release
