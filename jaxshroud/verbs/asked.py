@@ -8,7 +8,7 @@ import numpy as np
 from jaxshroud.march.method import FLAT_RETURN, Choices, Method, StepCount, method_as_json, method_of
 from jaxshroud.march.method_names import Locate
 from jaxshroud.march.stability import stiffest
-from jaxshroud.march.tableau import MIN_STEPS, TOLERANCE_RANGE, TaylorOptions, tableau
+from jaxshroud.march.tableau import MIN_STEPS, TaylorOptions, tableau
 from jaxshroud.orbits.short_runs import ShortRuns, gap_slopes, run_from_start, softened
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.scene import Scene
@@ -62,9 +62,10 @@ class Setting(NamedTuple):
         return Choices(stepping, self.locate, False, self.precision, flat_return=self.flat_return)  # type: ignore[arg-type]
 
     def finer(self, n: int) -> "Setting":
-        """The setting with half the step, a quarter of `flat_return` and a tenth of the tolerance, `n` times."""
-        tolerance = max(self.tolerance / 10**n, TOLERANCE_RANGE[0]) if self.order else 0.0
-        return self._replace(product=self.product / 2**n, tolerance=tolerance, flat_return=self.flat_return / 4**n)
+        """The setting with half the step of the finer method, `n` times; see `Choices.finer`."""
+        method = self.method.finer(n)
+        tolerance = method.taylor.tolerance if self.order else 0.0
+        return self._replace(product=self.product / 2**n, tolerance=tolerance, flat_return=method.flat_return)
 
     @property
     def exact(self) -> "Setting":

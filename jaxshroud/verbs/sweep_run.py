@@ -268,7 +268,7 @@ SAME_P_D = 1e-3  # percentage points beside both intervals: more than the roundi
 
 
 def confirmed_run(run: Callable[[SweepSettings], SweepResult], settings: SweepSettings) -> SweepResult:
-    """A sweep, with `unconfirmed` where it is to be confirmed: run again with half the step and a tenth the tolerance.
+    """A sweep, with `unconfirmed` where it is to be confirmed: run again with half the step of the finer method.
 
     Raises:
         Interrupted: Ctrl-C; `done` is without `unconfirmed` where the sweep itself had ended.
@@ -287,7 +287,7 @@ def confirmed_run(run: Callable[[SweepSettings], SweepResult], settings: SweepSe
 
 def _finer_settings(settings: SweepSettings) -> SweepSettings:
     plan = settings.plan
-    finer = replace(plan, steps_per_period=2 * plan.steps_per_period, method=plan.method.finer)
+    finer = replace(plan, steps_per_period=2 * plan.steps_per_period, method=plan.method.finer())
     return settings._replace(plan=finer, march=settings.march.untried, confirms=True)
 
 
