@@ -117,6 +117,7 @@ class Choice:
     reached: float = np.nan  # error that 95 % of the probed lanes keep, by comparison with a finer march
     told: bool = True  # in results: not where a method that is not tried is the default
     untried: str = "rows"  # where it is not tried: what it is chosen for
+    curtailed: bool = False  # not promised, and no finer setting was tried, as that would have taken too long
 
     @property
     def method(self) -> Choices:
@@ -132,6 +133,11 @@ class Choice:
         text = f"accuracy {self.accuracy:.0e}: {self.setting}{product}, {self.steps} steps a period"
         if self.promised:
             return text
+        if self.curtailed:
+            known = f"95 % of runs keep {self.reached:.0e}"
+            return (
+                f"{text}; not confirmed: {known}, and trials of finer settings would take more than a tenth of the run"
+            )
         best = f"{self.reached:.0e} is the best for 95 % of runs"
         return f"{text}; not to be had: {best}, as impacts multiply errors and flat contact drops its rocking"
 

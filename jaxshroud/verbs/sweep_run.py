@@ -34,7 +34,7 @@ from jaxshroud.signals.averages import averages, contact_shares, relative_drop, 
 from jaxshroud.signals.period import SETTLED
 from jaxshroud.verbs.arguments import ResolvedOptions, in_shape
 from jaxshroud.verbs.asked import MarchPlan
-from jaxshroud.verbs.plan import missed_lanes
+from jaxshroud.verbs.trials import missed_lanes
 
 MAX_LANES_AT_ONCE = 4096  # lanes whose samples are in memory at once where the result does not keep them
 
@@ -180,7 +180,8 @@ def _sweep_result(grid: Grid, numbers: dict[str, object], chatter: str | None, s
     plan, march = settings.plan, settings.march
     common = {"phase": plan.phase, "period_tol": settings.period_tol, "chatter": chatter, **march.attributes}
     if march.tried is not None:
-        numbers = numbers | {"inaccurate": missed_lanes(grid.lanes, march.tried, partial(end_states, vibration=True))}
+        ends, progress = partial(end_states, vibration=True), settings.ticker.report
+        numbers = numbers | {"inaccurate": missed_lanes(grid.lanes, march.tried, ends, progress)}
     periods = np.arange(plan.transient + 1, plan.transient + plan.kept + 1)
     coords = sweep_coordinates(grid.axes, periods, grid.lanes.layout)
     attributes, differing = grid.resolved.provenance(plan.transient, plan.steps_per_period)
