@@ -12,7 +12,7 @@ import numpy as np
 from jaxshroud.march.method import FAST, Method, RungeKutta, Taylor, method_of
 from jaxshroud.march.stability import lanes_that_auto_steps_follow, stiffest
 from jaxshroud.march.tableau import TaylorOptions
-from jaxshroud.orbits.short_runs import end_states
+from jaxshroud.orbits.short_runs import HorizonEnds, end_states
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.file import SceneFile
@@ -214,11 +214,11 @@ def method_on_page(file: SceneFile, accuracy: str | float, go_on: Continue = lam
     resolved = resolve_options(file.scene, method=RungeKutta("rk4", "auto") if smooth else by_accuracy, verb="explore")
     _check_length(resolved.lanes)
 
-    def ends(*of: Any) -> np.ndarray:
+    def ends(*of: Any) -> HorizonEnds:
         go_on()
         return end_states(*of)
 
-    march = plan_march(resolved, resolved.lanes, FAST, periods=math.inf, ends=ends)
+    march = plan_march(resolved, resolved.lanes, FAST, ends=ends)
     numbers = [number for number in number_fields(file) if number.key.name in STIFFENING and number.value]
     stiffer = {n.key.name: np.array([in_si(n.key, n.value or 0.0), n.ends[1]]) for n in numbers}
     if isinstance(march.method.tableau, TaylorOptions) or not stiffer or file.tables["parts"]["contact"] == "none":

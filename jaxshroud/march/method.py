@@ -135,15 +135,17 @@ class Choices(NamedTuple):
         assert isinstance(self.tableau, Tableau)
         return self.tableau
 
-    @property
-    def finer(self) -> "Choices":
-        """The same method with a tenth of the tolerance, if it has one; a check of a march halves the step as well."""
-        return self._replace(tableau=self.tableau.finer(10.0), flat_return=self.flat_return / 2)
+    def finer(self, n: int = 1) -> "Choices":
+        """The same method with a tenth of the tolerance, if it has one, and a quarter of `flat_return`, `n` times.
+
+        Who marches by it halves the step as well: here there is none.
+        """
+        return self._replace(tableau=self.tableau.finer(10.0**n), flat_return=self.flat_return / 4**n)
 
     @property
     def for_verification(self) -> "Choices":
-        """The same method with events located by bisection; power series with a hundredth of the tolerance instead."""
-        return self._replace(tableau=self.tableau.finer(100.0), locate=locator_for(self.tableau, None))
+        """The finer method with events located by bisection; power series with a hundredth of the tolerance instead."""
+        return self.finer()._replace(tableau=self.tableau.finer(100.0), locate=locator_for(self.tableau, None))
 
     def __str__(self) -> str:
         return f"{self.tableau.name}, events by {self.locate}, {self.precision}"

@@ -3,6 +3,7 @@
 They are marched as all lanes are; scenes without located events by diffrax's adaptive solvers too.
 """
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import jax
@@ -14,7 +15,7 @@ from jaxtyping import Array, Int
 from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.periods import Sample
-from jaxshroud.batch.plan import Plan
+from jaxshroud.batch.plan import Plan, Tick
 from jaxshroud.batch.runs import run_lanes, trajectories
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.states import carried_state, initial_states, motion_rows
@@ -68,24 +69,47 @@ def _soft(scene: Scene, width: float) -> Scene:
     return with_parts(scene, scene.parts._replace(contact="smooth"), width * free_rms_displacement(scene))
 
 
+class HorizonEnds(NamedTuple):
+    """Where lanes are at the horizon, from the scenes' own starts, and the work until then."""
+
+    motions: np.ndarray  # (lanes, 12); NaN where a lane has stopped
+    trials: int  # of all lanes: those between events, and one for each event
+
+
+def _no_tick(lane_periods: float) -> None:
+    del lane_periods
+
+
 def end_states(
-    scenes: Scene, steps: int, method: Choices, *, ledger: bool = False, vibration: bool = False
-) -> np.ndarray:
-    """The motions (lanes, 12) at the horizon from the scenes' own starts; NaN where a lane has stopped.
-
-    `ledger` and `vibration` are those of the programs that march them.
-    """
+    scenes: Scene,
+    steps: int,
+    method: Choices,
+    tick: Tick = _no_tick,
+    *,
+    ledger: bool = False,
+    vibration: bool = False,
+) -> HorizonEnds:
+    """Where lanes (leading axis) end. `ledger` and `vibration` are those of the programs that march them."""
     scenes, method = in_precision(scenes, method.precision), method._replace(ledger=ledger, vibration=vibration)
-    runs = run_lanes(scenes, initial_states(scenes), Plan(HORIZON - 1, 1, steps, 0.0, method), lambda _: None)
-    return motions_at(runs.samples, 0)
+    runs = run_lanes(scenes, initial_states(scenes), Plan(HORIZON - 1, 1, steps, 0.0, method), tick)
+    return HorizonEnds(
+        motions_at(runs.samples, 0), _trials(scenes, method.tableau.trials(steps), vars(runs.log.counters))
+    )
 
 
-def trajectory_ends(scenes: Scene, steps: int, method: Choices) -> np.ndarray:
+def trajectory_ends(scenes: Scene, steps: int, method: Choices, tick: Tick = _no_tick) -> HorizonEnds:
     """The same by the compiled programs of `trajectories`, with a ledger."""
     scenes, method = in_precision(scenes, method.precision), method._replace(ledger=True)
     grid = SampleGrid(0.0, steps, steps, HORIZON * steps)
-    samples = trajectories(scenes, initial_states(scenes), grid, method, lambda _: None).samples
-    return np.concatenate(samples["motion"], axis=-1)[:, -1].astype(float)
+    run = trajectories(scenes, initial_states(scenes), grid, method, lambda lane_steps: tick(lane_steps / steps))
+    motions = np.concatenate(run.samples["motion"], axis=-1)[:, -1].astype(float)
+    return HorizonEnds(motions, _trials(scenes, method.tableau.trials(steps), run.counters))
+
+
+def _trials(scenes: Scene, between: int, counters: Mapping[str, np.ndarray]) -> int:
+    """The trials of lanes to the horizon, of which there are so many in a period between its events."""
+    events = sum(int(np.sum(count, dtype=np.int64)) for count in counters.values())
+    return HORIZON * between * len(scenes.drive.omega) + events
 
 
 def motions_at(samples: Sample, period: int) -> np.ndarray:

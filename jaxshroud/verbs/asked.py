@@ -8,7 +8,7 @@ import numpy as np
 from jaxshroud.march.method import FLAT_RETURN, Choices, Method, StepCount, method_as_json, method_of
 from jaxshroud.march.method_names import Locate
 from jaxshroud.march.stability import stiffest
-from jaxshroud.march.tableau import MIN_STEPS, TOLERANCE_RANGE, TaylorOptions, tableau
+from jaxshroud.march.tableau import MIN_STEPS, TaylorOptions, tableau
 from jaxshroud.orbits.short_runs import ShortRuns, gap_slopes, run_from_start, softened
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.scene import Scene
@@ -62,9 +62,10 @@ class Setting(NamedTuple):
         return Choices(stepping, self.locate, False, self.precision, flat_return=self.flat_return)  # type: ignore[arg-type]
 
     def finer(self, n: int) -> "Setting":
-        """The setting with half the step, a quarter of `flat_return` and a tenth of the tolerance, `n` times."""
-        tolerance = max(self.tolerance / 10**n, TOLERANCE_RANGE[0]) if self.order else 0.0
-        return self._replace(product=self.product / 2**n, tolerance=tolerance, flat_return=self.flat_return / 4**n)
+        """The setting with half the step of the finer method, `n` times; see `Choices.finer`."""
+        method = self.method.finer(n)
+        tolerance = method.taylor.tolerance if self.order else 0.0
+        return self._replace(product=self.product / 2**n, tolerance=tolerance, flat_return=method.flat_return)
 
     @property
     def exact(self) -> "Setting":
@@ -116,6 +117,7 @@ class Choice:
     reached: float = np.nan  # error that 95 % of the probed lanes keep, by comparison with a finer march
     told: bool = True  # in results: not where a method that is not tried is the default
     untried: str = "rows"  # where it is not tried: what it is chosen for
+    curtailed: bool = False  # not promised, and no finer setting was tried, as that would have taken too long
 
     @property
     def method(self) -> Choices:
@@ -131,6 +133,11 @@ class Choice:
         text = f"accuracy {self.accuracy:.0e}: {self.setting}{product}, {self.steps} steps a period"
         if self.promised:
             return text
+        if self.curtailed:
+            known = f"95 % of runs keep {self.reached:.0e}"
+            return (
+                f"{text}; not confirmed: {known}, and trials of finer settings would take more than a tenth of the run"
+            )
         best = f"{self.reached:.0e} is the best for 95 % of runs"
         return f"{text}; not to be had: {best}, as impacts multiply errors and flat contact drops its rocking"
 

@@ -79,7 +79,8 @@ def branch(
     Returns:
         The branches, point by point, including their special points; each point is closed to 1e-9 (float64). This
         closing error is not the error of the march: where a multiplier crosses the unit circle, `special` says how far
-        a march with half the step, or a tenth of the tolerance, shifts that point, with a warning where it is much.
+        a march with half the step, a tenth of the tolerance and a quarter of `flat_return` shifts that point, with a
+        warning where it is much.
 
     Raises:
         InputError: The range is empty or does not hold the value, there are many scenes, or `q` is given without a
@@ -156,7 +157,7 @@ def continued(
         problem, first = _first_point(initial, along, low, high, value, shooting)
         stages = StagedProgress(progress)
         branches = branches_from(problem, first, most_points, doublings, stages)
-        finer = ShootingOptions(2 * march.steps, shooting.tolerance, march.method.finer)
+        finer = ShootingOptions(2 * march.steps, shooting.tolerance, march.method.finer())
         branches = with_errors(branches, problem._replace(aim=finer), stages)
     except Interrupted:
         raise Interrupted(None) from None

@@ -38,9 +38,10 @@ from jaxshroud.signals.waves import RowWave
 from jaxshroud.verbs.arguments import ResolvedOptions, check_row, one_scene, resolve_options
 from jaxshroud.verbs.asked import Asked, Choice, MarchPlan, MethodArgument
 from jaxshroud.verbs.lanes import RequestedLanes, with_tangents
-from jaxshroud.verbs.plan import missed_lanes, plan_march, warn_missed
+from jaxshroud.verbs.plan import plan_march, warn_missed
 from jaxshroud.verbs.power import power
 from jaxshroud.verbs.simulate import simulate
+from jaxshroud.verbs.trials import missed_lanes
 
 FIRST_STRETCH, ROUNDS = 64, 3  # of the evidence; each round is twice as long
 GROWTH_PERIODS = 64  # of the nearby run
@@ -263,7 +264,7 @@ def motion_of_pair(
     ticker = Ticker(resolved.transient + (2**VERDICT_ROUNDS - 1) * Stretches().all, progress)
     (verdict,) = verdicts(one_lane(precise), one_lane(initial), resolved.transient, shooting, tick=ticker)
     ends = partial(end_states, ledger=True, vibration=True)  # by the programs of the verdict
-    missed = None if march.tried is None else missed_lanes(resolved.lanes, march.tried, ends)
+    missed = None if march.tried is None else missed_lanes(resolved.lanes, march.tried, ends, progress)
     stopped = verdict.kind == "stopped"
     shown = MIN_STORED_ORBITS * verdict.q if verdict.q else APERIODIC_PERIODS
     settled = {} if stopped else _settled_evidence(scene, precise, verdict, march)

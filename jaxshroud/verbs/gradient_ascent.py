@@ -221,7 +221,7 @@ def verify_design(problem: Problem, design: np.ndarray, seed: int) -> dict[str, 
     """The design simulated again: with half the step and the reference method, four times as long, from other states.
 
     The reference method is bisection in float64, with the search's own tableau: no check is coarser than the search.
-    Power series have a hundredth of the tolerance instead.
+    Power series have a hundredth of the tolerance instead. Rocking faces become flat within a quarter of the share.
     """
     plan, quiet = problem.plan, lambda _: None
     reference = plan.method.for_verification._replace(precision=problem.scene.drive.omega.dtype.name, ledger=False)

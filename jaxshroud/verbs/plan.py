@@ -1,222 +1,27 @@
-"""From how to march, as it was asked, to what runs.
+"""From how to march, as it was asked, to what runs."""
 
-The method for an accuracy is chosen from a table measured on random scenes, and by trials on given scenes.
-"""
-
-import json
-import math
 import warnings
-from collections.abc import Callable
-from functools import cache, partial
-from itertools import combinations
-from pathlib import Path
+from functools import partial
 from typing import TypedDict, Unpack
 
-import equinox as eqx
-import jax
 import numpy as np
 
 from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.batch.marches import march_of, require_march
-from jaxshroud.batch.periods import LANES_PER_CALL
+from jaxshroud.batch.plan import Progress
 from jaxshroud.io.lane_status import AccuracyWarning
 from jaxshroud.march.method import FAST, Choices, Method, choices, method_of
-from jaxshroud.march.stability import steps_for, stiffest, stiffness_ratio
+from jaxshroud.march.stability import steps_for
 from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.prepared import law_type
-from jaxshroud.orbits.short_runs import (
-    HORIZON,
-    end_states,
-    state_errors,
-)
+from jaxshroud.orbits.short_runs import end_states
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.scene import Scene, without_given
-from jaxshroud.scene.typed import FloatArray, typed
+from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.signals.averages import least_tilt
 from jaxshroud.verbs.arguments import ResolvedOptions, resolve_options
-from jaxshroud.verbs.asked import (
-    ACCURACY,
-    Asked,
-    Choice,
-    MarchPlan,
-    Setting,
-    accuracy_level,
-    choice_without_trial,
-    flat_return_for,
-    is_tried,
-)
-
-STIFFNESS_CLASSES = (1.5, 4.0, 12.0, np.inf)  # upper bounds of omega_max over the largest frequency without contact
-MAX_PROBED_LANES = 256  # on which a setting is tried before it is chosen
-PROMISED_SHARE = 0.95  # of the lanes, for which an accuracy is promised
-MAX_FINER_SETTINGS = 3  # tried beyond those of the table, each with half the step or a tenth of the tolerance
-ERROR_MARGIN = 3.0  # an estimated error is one draw: where motions multiply errors, another may be larger by this
-MAX_SHARE = 0.1  # of the work of a run, for the choice of its method
-EXPECTED_TRIALS = 2
-SLACK = 3.0  # in the proportion of errors to tolerances
-LEAST_TOLERANCE = 1e-14  # which is tried in any case
-PARALLEL_TILT = 0.1  # see `least_tilt`
-TILTED, PARALLEL = 0, 1  # places in the table
-EndStates = Callable[[Scene, int, Choices], np.ndarray]
-FORCE_PERTURBATION = 2.0**-50  # relative
-START_SHIFT = 1e-12  # of each displacement; of accuracies below 1e-9 a thousandth of them
-START_SIGNS = np.array(  # of x, y, theta of both blades
-    [
-        [(1, -1), (1, 1), (-1, 1)],
-        [(1, 1), (-1, -1), (-1, 1)],
-        [(-1, -1), (-1, -1), (-1, -1)],
-        [(1, 1), (-1, 1), (-1, 1)],
-    ]
-)
-ROUNDINGS = 125.0  # errors over what such a shift makes of itself, where faces rock thousands of times
-ROUNDED_BELOW = 1e-8  # accuracies for which that was measured, at 1e-9; for others what a shift makes counts once
-ACCEPTABLE_RATIO = 2.0  # to the smallest error, if no error is small enough: the first such setting is taken
-
-
-@cache
-def _accuracy_table() -> list[list[dict[str, list]]]:
-    """For tilted and for nearly parallel faces, and each class of stiffness: the promised levels, with settings."""
-    return json.loads((Path(__file__).parent / "accuracy.json").read_text("utf-8"))
-
-
-def choose(
-    scenes: Scene,
-    batch_dims: int,
-    accuracy: str | float,
-    *,
-    lane_periods: float | int = math.inf,
-    ends: EndStates = end_states,
-) -> Choice:
-    """The setting by which scenes are marched with an accuracy.
-
-    The table says which setting is enough for scenes of such a stiffness and tilt. How much the motion itself
-    multiplies errors, at impacts and between nearly parallel faces, differs from scene to scene. Each setting is
-    therefore tried on some of the given scenes over three periods against a finer one, and a finer one is tried if its
-    error is too large. Trials take at most `MAX_SHARE` of the run that the choice is for, or a chunk of lanes.
-
-    Args:
-        scenes: One scene, or many with leading axes: the stiffest one determines the step.
-        batch_dims: The number of leading axes.
-        accuracy: "fast", "balanced", "reference" or a number; see `NAMED`.
-        lane_periods: Of the run that the choice is for; 0: the word of the table counts, if it has one.
-        ends: Marches lanes to the horizon; best by the programs that the run needs.
-
-    Returns:
-        The cheapest setting that is accurate enough, promised; else about the best one, not promised.
-
-    Raises:
-        ValueError: There is no such accuracy.
-    """
-    level = accuracy_level(accuracy)
-    lanes = jax.tree.map(lambda a: np.reshape(a, (-1, *np.shape(a)[batch_dims:])), scenes)
-    frequency_and_period, choices = stiffest(lanes, 1), []
-    candidates, in_table = _candidates(lanes, level)
-    if in_table and not lane_periods:
-        return Choice(level, candidates[0], candidates[0].steps(*frequency_and_period), True)
-    probe = _probe(lanes, _affordable_lanes(len(lanes.drive.omega), lane_periods))
-    while candidates:
-        setting, *candidates = candidates
-        steps = setting.steps(*frequency_and_period)
-        error = ERROR_MARGIN * _promised_error(estimated_errors(probe, setting, steps, ends))
-        choices.append(Choice(level, setting, steps, error <= level, error))
-        if choices[-1].promised:
-            return choices[-1]
-        candidates = [finer for finer in candidates if _may_suffice(finer, setting, error / level)]
-    smallest = min(choice.reached for choice in choices)
-    return next(choice for choice in choices if choice.reached <= ACCEPTABLE_RATIO * smallest)
-
-
-def _candidates(lanes: Scene, accuracy: float) -> tuple[list[Setting], bool]:
-    """The settings of the table for an accuracy and for better ones, then finer ones; is it the table's first word?"""
-    near = PARALLEL if least_tilt(lanes) < PARALLEL_TILT and lanes.parts.has("theta", 0) else TILTED
-    rows = _accuracy_table()[near][: int(np.searchsorted(STIFFNESS_CLASSES, stiffness_ratio(lanes, 1))) + 1]
-    settings = {float(level): Setting(*setting) for level, setting in rows[-1].items()}
-    sufficient = [settings[level] for level in sorted(settings, reverse=True) if level <= accuracy * 1.001]
-    finest = [Setting(*list(row.values())[-1]) for row in rows if row]
-    begun = 4 * flat_return_for(accuracy)  # trials tell whether this is enough
-    found = [setting._replace(flat_return=begun) for setting in sufficient or finest[-1:]]
-    found = [setting for pair in zip([found[0], *found], found, strict=False) for setting in _decades(*pair)]
-    finer = [found[-1].finer(n) for n in range(1, MAX_FINER_SETTINGS + 1)]
-    finer = [setting for setting in finer if setting.finer(1).tolerance < setting.tolerance / 2 or not setting.order]
-    return list(dict.fromkeys([*found, *finer])), bool(sufficient)
-
-
-def _decades(coarse: Setting, fine: Setting) -> list[Setting]:
-    """The finer of two settings; before it, if both are series, its order with the decades of tolerance between."""
-    if not (coarse.order and fine.order):
-        return [fine]
-    first, last = round(math.log10(coarse.tolerance)), round(math.log10(fine.tolerance))
-    return [*(fine._replace(tolerance=10.0**n) for n in range(first - 1, last, -1)), fine]
-
-
-def _may_suffice(finer: Setting, tried: Setting, excess: float) -> bool:
-    """Whether a setting may be fine enough where the one that was tried errs by a factor `excess` too much.
-
-    The errors of power series of one order are about proportional to their tolerance.
-    """
-    same = finer.order == tried.order != 0
-    return not same or finer.tolerance * excess <= SLACK * tried.tolerance or finer.tolerance <= LEAST_TOLERANCE
-
-
-def _affordable_lanes(count: int, lane_periods: float | int) -> int:
-    """On how many of the lanes settings are tried for a run of so many lane-periods: at least on a chunk."""
-    width = 1 if count == 1 else LANES_PER_CALL
-    trial = 2 * HORIZON * width  # with the finer setting, of the lanes that a call marches
-    chunks = min(MAX_SHARE * lane_periods / (EXPECTED_TRIALS * trial), MAX_PROBED_LANES // width)
-    return min(count, max(int(chunks), 1) * width)
-
-
-def _probe(lanes: Scene, most: int) -> Scene:
-    """At most so many of the lanes, evenly spread."""
-    count = len(lanes.drive.omega)
-    some = np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
-    return jax.tree.map(lambda a: np.asarray(a)[some], lanes)
-
-
-def _promised_error(errors: np.ndarray) -> float:
-    """The error that `PROMISED_SHARE` of the lanes keep, without lanes that stop."""
-    finite = errors[np.isfinite(errors)]
-    return float(np.quantile(finite, PROMISED_SHARE, method="higher")) if len(finite) else 0.0
-
-
-def estimated_errors(scenes: Scene, setting: Setting, steps: int, ends: EndStates = end_states) -> np.ndarray:
-    """The error of each lane (leading axis) by comparison with a finer march in float64; NaN where it stops.
-
-    Both march to the horizon by `ends`. The finer march is driven by forces that are a few roundings larger, so that
-    the growth of roundings counts too.
-    """
-    finer = setting.finer(1).exact.method
-    perturbed = eqx.tree_at(lambda s: s.drive, scenes, scenes.drive.scaled(1 + FORCE_PERTURBATION))
-    return state_errors(ends(scenes, steps, setting.method), ends(perturbed, 2 * steps, finer))
-
-
-def missed_lanes(scenes: Scene, choice: Choice, ends: EndStates = end_states) -> np.ndarray:
-    """Whether each lane (leading axis) may miss the accuracy: whether four marches to the horizon differ too much.
-
-    Their starts are moved, and what that makes of itself counts `ROUNDINGS` times for accuracies near rounding: all
-    methods know whether blades turn against each other up to the rounding of their angles, and nearly parallel faces
-    ask that some thousand times. A fifth, finer march with twice the steps tells what flat contact drops.
-    """
-    assert choice.steps is not None  # it was tried
-    weight = ROUNDINGS if choice.accuracy < ROUNDED_BELOW else 1.0
-    flat = jax.tree.map(np.asarray, scenes)
-    moved = [_with_moved_start(flat, min(START_SHIFT, choice.accuracy / 1e3) * signs) for signs in START_SIGNS]
-    states = [ends(start, choice.steps, choice.method) for start in moved]
-    finer = ends(moved[-1], 2 * choice.steps, choice.setting.finer(1).exact.method)
-    grown = [weight * state_errors(one, other) for one, other in combinations(states, 2)]
-    return ~(np.max([*grown, state_errors(states[0], finer)], axis=0) <= choice.accuracy)
-
-
-def _with_moved_start(scenes: Scene, shares: FloatArray) -> Scene:
-    """The scenes (leading axis) with x, y, theta of the starts moved by shares of them, or of what the drive bends."""
-    b, load, start = scenes.running_blades, scenes.drive.largest_load, scenes.initial
-    static = load("x") / b.k_x, load("y") / b.k_y, load("theta") / b.k_T
-    moved = [
-        own + np.maximum(np.abs(own), bent) * share
-        for own, bent, share in zip((start.x, start.y, start.theta), static, shares, strict=True)
-    ]
-    return eqx.tree_at(lambda s: (s.initial.x, s.initial.y, s.initial.theta), scenes, tuple(moved))
+from jaxshroud.verbs.asked import ACCURACY, Asked, Choice, MarchPlan, choice_without_trial, is_tried
+from jaxshroud.verbs.trials import EndStates, choose
 
 
 def warn_missed(missed: np.ndarray, choice: Choice, dropped: np.ndarray | None = None) -> None:
@@ -243,6 +48,8 @@ class Trials(TypedDict, total=False):
     """Of the run of each lane; by default those of the arguments."""
     ends: EndStates
     """How lanes are marched to try a method; by default by the programs of `run_lanes`."""
+    progress: Progress | None
+    """Called with (lane-periods done, in all) of each trial."""
 
 
 def plan_march(resolved: ResolvedOptions, lanes: Scene, usual: Choices, **trials: Unpack[Trials]) -> MarchPlan:
@@ -294,7 +101,8 @@ def choose_method(
         periods = trials.get("periods")
         periods = resolved.transient + resolved.n_periods if periods is None else periods
         work = len(lanes.drive.omega) * periods
-        choice = choose(without_given(lanes), 1, resolved.accuracy, lane_periods=work, ends=ends)
+        progress = trials.get("progress")
+        choice = choose(without_given(lanes), 1, resolved.accuracy, lane_periods=work, ends=ends, progress=progress)
         method = choice.method
     require_march(lanes, method)
     return _recording(method, usual, law), choice
@@ -341,5 +149,5 @@ def method_for(scenes: Scene, accuracy: str | float = ACCURACY) -> Method:
         float64
     """
     resolved = resolve_options(scenes, method=accuracy, verb="method_for")
-    march = plan_march(resolved, resolved.lanes, FAST, periods=math.inf)
+    march = plan_march(resolved, resolved.lanes, FAST)
     return method_of(march.steps, march.method)

@@ -43,8 +43,9 @@ from jaxshroud.signals.equivalent import equivalent_values
 from jaxshroud.signals.period import NOT_SETTLED, PERIOD_TOLERANCE, Repetition
 from jaxshroud.verbs.arguments import ResolvedOptions, check_row, in_shape, resolve_options
 from jaxshroud.verbs.asked import MarchPlan, MethodArgument
-from jaxshroud.verbs.plan import missed_lanes, plan_march, warn_missed
+from jaxshroud.verbs.plan import plan_march, warn_missed
 from jaxshroud.verbs.settled import default_state, in_state
+from jaxshroud.verbs.trials import missed_lanes
 
 FIRST_PERIODS = 2 * PERIODS_PER_CALL  # kept periods before the first test of convergence
 
@@ -248,7 +249,7 @@ def power(
     result = _power_result(resolved, summaries, march, chatter)
     warn_failures(result.status, chatter, throw=throw)
     if march.tried is not None:
-        missed = missed_lanes(lanes, march.tried, partial(end_states, ledger=True, vibration=True))
+        missed = missed_lanes(lanes, march.tried, partial(end_states, ledger=True, vibration=True), progress)
         warn_missed(missed, march.tried, result.final_energy_dropped)
     return result
 

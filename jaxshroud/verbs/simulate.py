@@ -27,7 +27,8 @@ from jaxshroud.signals.amplitudes import sampled_amplitude_values
 from jaxshroud.signals.averages import contact_shares
 from jaxshroud.verbs.arguments import ResolvedOptions, check_row, in_shape, resolve_options
 from jaxshroud.verbs.asked import MethodArgument
-from jaxshroud.verbs.plan import missed_lanes, plan_march, warn_missed
+from jaxshroud.verbs.plan import plan_march, warn_missed
+from jaxshroud.verbs.trials import missed_lanes
 
 
 @typed
@@ -112,7 +113,8 @@ def simulate(
     result = _trajectory(resolved, in_shape(columns, resolved.shape), common)
     warn_failures(result.status, chatter, throw=throw)
     if march.tried is not None:
-        warn_missed(missed_lanes(lanes, march.tried, trajectory_ends), march.tried, result.energy_dropped)
+        missed = missed_lanes(lanes, march.tried, trajectory_ends, progress)
+        warn_missed(missed, march.tried, result.energy_dropped)
     return result
 
 

@@ -91,8 +91,8 @@ def sweep(
             (slip, normal load, impacts). Of rows of blades all of these are told for each interface.
         amplitudes: Keep the mean of x, y and theta of both blades, their root mean square about it, and their amplitude
             (largest distance from the mean), at a third more time.
-        confirm: Run every lane again with half the step and a tenth of the tolerance, and mark those that settle on
-            another motion (`unconfirmed`); of independent lanes, at some twice the time.
+        confirm: Run every lane again with half the step, a tenth of the tolerance and a quarter of `flat_return`, and
+            mark those that settle on another motion (`unconfirmed`); of independent lanes, at some twice the time.
         keep_samples: Keep the samples of each lane. Without them memory is bounded: for maps of many lanes.
         store: The folder (.zarr) of a Zarr store, to which the result is written block by block: for more lanes than
             fit in memory, and for runs that may be killed. The result is read from there.

@@ -34,7 +34,7 @@ from jaxshroud.signals.averages import averages, contact_shares, relative_drop, 
 from jaxshroud.signals.period import SETTLED
 from jaxshroud.verbs.arguments import ResolvedOptions, in_shape
 from jaxshroud.verbs.asked import MarchPlan
-from jaxshroud.verbs.plan import missed_lanes
+from jaxshroud.verbs.trials import missed_lanes
 
 MAX_LANES_AT_ONCE = 4096  # lanes whose samples are in memory at once where the result does not keep them
 
@@ -180,7 +180,8 @@ def _sweep_result(grid: Grid, numbers: dict[str, object], chatter: str | None, s
     plan, march = settings.plan, settings.march
     common = {"phase": plan.phase, "period_tol": settings.period_tol, "chatter": chatter, **march.attributes}
     if march.tried is not None:
-        numbers = numbers | {"inaccurate": missed_lanes(grid.lanes, march.tried, partial(end_states, vibration=True))}
+        ends, progress = partial(end_states, vibration=True), settings.ticker.report
+        numbers = numbers | {"inaccurate": missed_lanes(grid.lanes, march.tried, ends, progress)}
     periods = np.arange(plan.transient + 1, plan.transient + plan.kept + 1)
     coords = sweep_coordinates(grid.axes, periods, grid.lanes.layout)
     attributes, differing = grid.resolved.provenance(plan.transient, plan.steps_per_period)
@@ -268,7 +269,7 @@ SAME_P_D = 1e-3  # percentage points beside both intervals: more than the roundi
 
 
 def confirmed_run(run: Callable[[SweepSettings], SweepResult], settings: SweepSettings) -> SweepResult:
-    """A sweep, with `unconfirmed` where it is to be confirmed: run again with half the step and a tenth the tolerance.
+    """A sweep, with `unconfirmed` where it is to be confirmed: run again with half the step of the finer method.
 
     Raises:
         Interrupted: Ctrl-C; `done` is without `unconfirmed` where the sweep itself had ended.
@@ -287,7 +288,7 @@ def confirmed_run(run: Callable[[SweepSettings], SweepResult], settings: SweepSe
 
 def _finer_settings(settings: SweepSettings) -> SweepSettings:
     plan = settings.plan
-    finer = replace(plan, steps_per_period=2 * plan.steps_per_period, method=plan.method.finer)
+    finer = replace(plan, steps_per_period=2 * plan.steps_per_period, method=plan.method.finer())
     return settings._replace(plan=finer, march=settings.march.untried, confirms=True)
 
 

@@ -22,8 +22,8 @@ from jaxshroud.orbits.short_runs import HORIZON, end_states, state_errors
 from jaxshroud.scene.vary import vary
 from jaxshroud.signals.averages import least_tilt
 from jaxshroud.verbs.asked import LEVELS, Setting, by_series
-from jaxshroud.verbs.plan import PARALLEL, PARALLEL_TILT, STIFFNESS_CLASSES, TILTED
 from jaxshroud.verbs.trade import REFERENCE_SETTING
+from jaxshroud.verbs.trials import PARALLEL, PARALLEL_TILT, STIFFNESS_CLASSES, TILTED
 
 MARGIN, SHARE, LANES = 3.0, 0.98, 64
 DIGITS = {14: range(4, 15), 18: range(11, 15)}
@@ -80,7 +80,9 @@ def errors(scenes: list, setting: Setting, truths: list[np.ndarray]) -> np.ndarr
     found = []
     for scene, truth in zip(scenes, truths, strict=True):
         alone = jax.tree.map(lambda a: a[None], scene)
-        found.append(state_errors(end_states(alone, setting.steps(*stiffest(scene, 0)), setting.method), truth)[0])
+        found.append(
+            state_errors(end_states(alone, setting.steps(*stiffest(scene, 0)), setting.method).motions, truth)[0]
+        )
     return np.array(found)
 
 
@@ -101,7 +103,7 @@ def exact(scene) -> tuple[int, Choices]:
 
 def promised_settings(scenes: list) -> dict[str, list]:
     """The cheapest setting for each level that can be promised for such scenes; prints all candidates."""
-    truths = [end_states(jax.tree.map(lambda a: a[None], s), *exact(s)) for s in scenes]
+    truths = [end_states(jax.tree.map(lambda a: a[None], s), *exact(s)).motions for s in scenes]
     batch, measured = stacked(scenes), []
     for setting in CANDIDATES:
         error = np.nan_to_num(errors(scenes, setting, truths), nan=np.inf)

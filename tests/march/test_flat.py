@@ -23,9 +23,9 @@ from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Contact, Drive, Friction, Scene, Shroud
 from jaxshroud.scene.vary import vary
 from jaxshroud.verbs.asked import choice_without_trial
-from jaxshroud.verbs.plan import choose
 from jaxshroud.verbs.simulate import simulate
 from jaxshroud.verbs.sweep import sweep
+from jaxshroud.verbs.trials import choose
 
 SCENES = 50
 SPRINGS = (1e2, 1e5, 1e6)  # [N m/rad]

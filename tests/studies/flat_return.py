@@ -27,7 +27,7 @@ SCENES = js.scenes_from({"contact.gamma": np.linspace(0.5, 6.0, 40)}, SCENE)
 def timed(steps: int, share: float, times: int) -> tuple[np.ndarray, float]:
     """The states at the end, and the least CPU time [s]."""
     method, least = choices(js.RungeKutta("dopri8", steps, flat_return=share)), np.inf
-    states = end_states(SCENES, steps, method)
+    states = end_states(SCENES, steps, method).motions
     for _ in range(times):
         start = time.process_time()
         end_states(SCENES, steps, method)

@@ -29,7 +29,7 @@ from side_by_side import scene_of
 from jaxshroud.orbits.short_runs import HORIZON, end_states, state_errors
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.asked import Choice
-from jaxshroud.verbs.plan import choose, missed_lanes
+from jaxshroud.verbs.trials import choose, missed_lanes
 from jaxshroud.version import __version__
 
 FILE = Path(__file__).with_suffix(".npz")
@@ -137,7 +137,7 @@ def asked(lanes: Scene) -> Marked:
     chosen = time.perf_counter()
     missed = missed_lanes(lanes, choice)
     seconds = chosen - start, time.perf_counter() - chosen
-    return Marked(end_states(lanes, choice.steps, choice.method), missed, seconds)
+    return Marked(end_states(lanes, choice.steps, choice.method).motions, missed, seconds)
 
 
 def asked_alone(lanes: Scene) -> Marked:

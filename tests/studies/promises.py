@@ -22,7 +22,7 @@ from jaxshroud.march.method import Choices  # noqa: E402
 from jaxshroud.march.tableau import TaylorOptions, tableau  # noqa: E402
 from jaxshroud.orbits.short_runs import end_states, state_errors  # noqa: E402
 from jaxshroud.scene.scene import Scene  # noqa: E402
-from jaxshroud.verbs.plan import choose  # noqa: E402
+from jaxshroud.verbs.trials import choose  # noqa: E402
 
 SCENES, SEED, ASKED, FINER = 100, 21, (1e-2, 1e-3, 1e-6, 1e-9), 16
 FINE = (Choices(TaylorOptions(16, 1e-14), "series", False), Choices(tableau("dopri8"), "cubic", False))
@@ -34,8 +34,8 @@ def told(scenes: Scene, asked: float) -> dict[str, Any]:
     for i in range(len(scenes.drive.omega)):
         scene = at(scenes, np.array([i]))
         choice = choose(scene, 1, asked)
-        got = end_states(scene, choice.steps, choice.method)
-        series, runge_kutta = (end_states(scene, FINER * choice.steps, fine) for fine in FINE)
+        got = end_states(scene, choice.steps, choice.method).motions
+        series, runge_kutta = (end_states(scene, FINER * choice.steps, fine).motions for fine in FINE)
         error = float(max(state_errors(got, exact)[0] for exact in (series, runge_kutta)))
         apart = float(state_errors(series, runge_kutta)[0])
         one = {"scene": i, "error": error, "estimated": choice.reached, "setting": str(choice.setting)}

@@ -48,8 +48,8 @@ def told(scenes: Scene, asked: float) -> dict[str, Any]:
             warnings.simplefilter("ignore")
             march = plan_march(resolve_options(scene, method=asked), scene, FAST)
         promised += bool(march.choice and march.choice.promised)
-        got = end_states(scene, march.steps, march.method)
-        exact = (end_states(scene, method.steps, choices(method)) for method in FINE)
+        got = end_states(scene, march.steps, march.method).motions
+        exact = (end_states(scene, method.steps, choices(method)).motions for method in FINE)
         errors.append(max(state_errors(got, one)[0] for one in exact))
     quantiles = {str(q): float(np.quantile(errors, q)) for q in QUANTILES}
     return {"promised": promised, "kept": int(np.sum(np.array(errors) <= asked)), "error": quantiles}

@@ -3,6 +3,7 @@
 import itertools
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -16,14 +17,15 @@ from jaxshroud import load
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.march.method import choices
 from jaxshroud.march.stability import stiffest
+from jaxshroud.orbits import short_runs
 from jaxshroud.orbits.short_runs import HORIZON, end_states, state_errors, trajectory_ends
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.vary import vary
 from jaxshroud.verbs import plan
-from jaxshroud.verbs import plan as accuracy
+from jaxshroud.verbs import trials as accuracy
 from jaxshroud.verbs.asked import Choice, Setting, accuracy_level, by_series
-from jaxshroud.verbs.plan import PARALLEL, STIFFNESS_CLASSES, TILTED, choose, missed_lanes
 from jaxshroud.verbs.trade import REFERENCE_SETTING, Adaptive, ClosedForm, measure_settings, neighbourhood
+from jaxshroud.verbs.trials import PARALLEL, STIFFNESS_CLASSES, TILTED, choose, missed_lanes
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from accuracy import in_class  # type: ignore[attr-defined]
@@ -138,12 +140,12 @@ def test_promised_accuracies_are_kept_on_unseen_scenes(tilt, index):
     lanes = jax.tree.map(lambda *a: jnp.concatenate(a), *(neighbourhood(s, 8) for s in scenes))
     turn = stiffest(lanes, 1)
     judges = (REFERENCE_SETTING._replace(product=0.08), by_series(16, 1e-15, 0.25))  # of two kinds
-    exact = [end_states(lanes, judge.steps(*turn), judge.method) for judge in judges]
+    exact = [end_states(lanes, judge.steps(*turn), judge.method).motions for judge in judges]
     apart = state_errors(*exact)  # between nearly parallel faces Dormand-Prince 8 errs by up to 1e-7
     promised = [choice for a in (1e-2, 1e-3, 1e-6, 1e-9) if (choice := choose(lanes, 1, a)).promised]
     assert promised
     for choice in promised:
-        got = end_states(lanes, choice.steps, choice.method)
+        got = end_states(lanes, choice.steps, choice.method).motions
         error = np.minimum(*(state_errors(got, one) for one in exact))
         missed = ~((error <= choice.accuracy) & (apart <= max(choice.accuracy, 1e-6)))
         assert np.mean(missed) <= 0.05, str(choice)
@@ -155,8 +157,8 @@ def test_promised_accuracies_are_kept_on_unseen_scenes(tilt, index):
 def test_growth_of_errors_is_taken_into_account():
     # Nearly parallel faces, which the table has not seen: what it has for 1e-6 misses it in a third of the lanes.
     lanes = scenes_at(load("fig09", ["drive.M_0=0.1"]).scene, ["contact.gamma"], GAMMA)
-    exact = end_states(lanes, 3000, REFERENCE_SETTING.method)
-    missed = lambda c: np.mean(~(state_errors(end_states(lanes, c.steps, c.method), exact) <= c.accuracy))
+    exact = end_states(lanes, 3000, REFERENCE_SETTING.method).motions
+    missed = lambda c: np.mean(~(state_errors(end_states(lanes, c.steps, c.method).motions, exact) <= c.accuracy))
     balanced = choose(lanes, 1, "balanced")
     assert balanced.promised
     assert missed(balanced) <= 0.05
@@ -198,8 +200,8 @@ def test_what_all_settings_have_wrong_is_marked():
     pairs = [reference.table1(**ROCKING), reference.table1(**ROCKING | {"gap": 1e-3})]
     choice = Choice(1e-9, by_series(14, 1e-15), 1400, True)
     lanes = jax.tree.map(lambda *a: jnp.stack(a), *map(scene_of, pairs))
-    got = end_states(lanes, choice.steps, choice.method)
-    finer = end_states(lanes, 2 * choice.steps, choice.setting.finer(1).method)
+    got = end_states(lanes, choice.steps, choice.method).motions
+    finer = end_states(lanes, 2 * choice.steps, choice.setting.finer(1).method).motions
     assert np.all(state_errors(got, finer) < 1e-10)
     assert 2e-9 < state_errors(got[:1], np.array([ROCKED]))[0] < 2e-8
     np.testing.assert_array_equal(missed_lanes(lanes, choice), [True, False])
@@ -249,17 +251,18 @@ def test_the_table_is_ordered(table1):
 @pytest.mark.parametrize("method", [js.RungeKutta(steps=200), js.Taylor(12, 1e-8, steps=200)])
 def test_both_ways_to_the_horizon_agree(table1, method):
     lanes = scenes_at(table1, ["contact.gamma"], GAMMA[:2])
-    ends = (way(lanes, 200, choices(method)) for way in (end_states, trajectory_ends))
-    np.testing.assert_allclose(*ends, rtol=1e-12, atol=1e-15)
+    ends = [way(lanes, 200, choices(method)) for way in (end_states, trajectory_ends)]
+    np.testing.assert_allclose(*(end.motions for end in ends), rtol=1e-12, atol=1e-15)
+    assert ends[0].trials == ends[1].trials > HORIZON * 100 * len(lanes.drive.omega)
 
 
 @pytest.mark.full
 def test_the_choice_takes_a_tenth_of_the_run_and_few_programs(table1):
     tried = []
 
-    def ends(scenes, steps, method):
-        tried.append((len(scenes.drive.omega), method.with_tolerance()))
-        return end_states(scenes, steps, method)
+    def ends(scenes, steps, method, tick):
+        tried.append((len(scenes.drive.omega), method.as_static.with_tolerance()))
+        return end_states(scenes, steps, method, tick)
 
     lanes = scenes_at(table1, ["contact.gamma"], np.tile(GAMMA, (4, 1)))
     for periods, most in ((5, LANES_PER_CALL), (60, 2 * LANES_PER_CALL), (300, accuracy.MAX_PROBED_LANES)):
@@ -274,3 +277,44 @@ def test_the_choice_takes_a_tenth_of_the_run_and_few_programs(table1):
     assert not tried  # the word of the table
     choose(lanes, 1, "balanced", ends=ends)
     assert tried[0][0] == accuracy.MAX_PROBED_LANES
+
+
+LIGHT = ["drive.M_0=0.3"]  # of table1_light: its faces rock until they become flat
+
+
+def rocking_without_end(monkeypatch, events_of: list[float]) -> None:
+    """Marches that differ by 1e-5 whatever the method, with as many events as a share of flat contact lets happen."""
+    rng = np.random.default_rng(0)
+
+    def run_lanes(scenes, states, plan, ticker):
+        events = np.full((len(scenes.drive.omega), 1), round(HORIZON / plan.method.flat_return), np.int32)
+        events_of.append(float(events.sum()))
+        return SimpleNamespace(samples=len(events), log=SimpleNamespace(counters=SimpleNamespace(flat=events)))
+
+    monkeypatch.setattr(short_runs, "run_lanes", run_lanes)
+    monkeypatch.setattr(short_runs, "motions_at", lambda n, _: 1 + 1e-5 * rng.random((n, 12)))
+
+
+@pytest.mark.parametrize(("periods", "settings"), [(3, 1), (400, 2)])
+def test_trials_end_with_a_tenth_of_the_steps_of_the_run(monkeypatch, periods, settings):
+    # Each finer setting has four times the events of the one before it, and none is accurate. The events of all trials
+    # are a tenth of those of the run at most, or those of one setting where that is more.
+    events_of: list[float] = []
+    rocking_without_end(monkeypatch, events_of)
+    lanes = scenes_at(load("table1_light", LIGHT).scene, ["contact.gamma"], np.linspace(1, 3, 20)[:, None])
+    choice = choose(lanes, 1, 1e-9, lane_periods=20 * periods)
+    of_run = events_of[-2] / HORIZON * periods
+    assert sum(events_of) <= max(0.1 * of_run, sum(events_of[:2]))
+    assert len(events_of) == 2 * settings
+    assert not choice.promised
+    assert "not confirmed: 95 % of runs keep" in str(choice)
+
+
+@pytest.mark.full
+def test_a_short_sweep_of_rocking_faces_ends():
+    # The second of five settings takes four times the processor time of the first to try, the third twenty times.
+    lanes = scenes_at(load("table1_light", LIGHT).scene, ["contact.gamma"], np.linspace(1, 3, 20)[:, None])
+    choice = choose(lanes, 1, 1e-9, lane_periods=60)
+    assert choice.curtailed
+    assert choice.method.taylor.tolerance == 1e-10
+    assert 1e-9 < choice.reached < 1e-6

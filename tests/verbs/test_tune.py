@@ -180,6 +180,7 @@ def test_no_check_is_coarser_than_the_search(scene, name, monkeypatch):
     ascent.verify_design(problem_of(scene, {})._replace(plan=search), np.array([5e-5, 1.0]), 0)
     assert plans[0].steps_per_period == 80
     assert plans[0].method.precision == "float64"
+    assert plans[0].method.flat_return == search.method.flat_return / 4
     assert all(plan.method.tableau.order >= search.method.tableau.order for plan in plans)
     assert all(plan.steps_per_period >= search.steps_per_period for plan in plans)
 
