@@ -19,7 +19,8 @@ from jaxshroud.model.modes import WAVE_RESIDUAL, Status
 from jaxshroud.orbits.batched_algorithms import Algorithm, Derivatives
 from jaxshroud.orbits.orbit import PeriodicOrbit, determined
 from jaxshroud.orbits.shooting import state_scales
-from jaxshroud.scene.drive import ComplexLoad, order_of_drive
+from jaxshroud.scene.drive import ComplexLoad
+from jaxshroud.scene.drive_orders import order_of_drive
 from jaxshroud.scene.scene import Scene, without_given
 
 REAL_SHARE = 1e-6  # of a multiplier's magnitude: a smaller imaginary part is rounding

@@ -187,7 +187,7 @@ class Trajectory(WithAmplitudes, Result):
     def _order(self) -> int | None:
         """The engine order modulo N of a single run, by the phases of its scene; None where there is none."""
         from jaxshroud.scene.config import parse
-        from jaxshroud.scene.drive import order_of_drive
+        from jaxshroud.scene.drive_orders import order_of_drive
 
         return order_of_drive(parse(self.scene, "the scene of this result").scene.drive) if self.scene else None
 

@@ -12,8 +12,8 @@ from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, check_known, same_qua
 from jaxshroud.scene.grids import columns_of, scenes_at
 from jaxshroud.scene.keys import ALL_KEYS, Key, Motion, find_key, key_stem
 from jaxshroud.scene.optional import require_number
-from jaxshroud.scene.overrides import check_is_no_speed
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.speed import check_is_no_speed
 from jaxshroud.scene.typed import short_repr
 from jaxshroud.scene.units import QUANTITY, to_si
 from jaxshroud.scene.vary import fields_of, inputs_of

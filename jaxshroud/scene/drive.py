@@ -2,12 +2,11 @@
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
-import numpy as np
-from numpy.typing import ArrayLike
 
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.fields import PerBlade, per_blade, scalar
@@ -17,7 +16,6 @@ from jaxshroud.scene.valid import check_given, check_numbers
 
 FIELDS_OF_LOADS = {"x": "F_x", "y": "F_y", "theta": "M_0"}  # of the coordinates
 SINGLE_KEYS = tuple(f"drive.{name}" for name in SINGLE_LOADS)
-PHASE_ROUNDING = 1e-9  # [rad] by which phases may miss those of an engine order
 
 KeptLoad = Callable[[Any], Any]
 
@@ -152,6 +150,7 @@ class Harmonic(eqx.Module):
     beta: PerBlade = eqx.field(converter=per_blade)  # direction of the force [rad]
     M: PerBlade = eqx.field(converter=per_blade, default=0.0)  # moment amplitude [N m]
     phase: PerBlade | None = eqx.field(converter=per_blade, default=None)  # psi [rad]; None: 0
+    by_engine_order: bool = eqx.field(static=True, default=False)  # whether n follows the engine order of the drive
 
     def under(self, phase: Any, level: Any) -> DriveHarmonic:
         """The force and the moment under the phase and the level of the drive, by NumPy or JAX."""
@@ -174,6 +173,7 @@ class ComplexHarmonic(eqx.Module):
     F_y_im: PerBlade = eqx.field(converter=per_blade, default=0.0)
     M_re: PerBlade = eqx.field(converter=per_blade, default=0.0)  # [N m]
     M_im: PerBlade = eqx.field(converter=per_blade, default=0.0)
+    by_engine_order: bool = eqx.field(static=True, default=False)  # whether n follows the engine order of the drive
 
     @property
     def amplitudes(self) -> tuple[Any, ...]:
@@ -305,6 +305,16 @@ class Drive(eqx.Module):
 
         return eqx.tree_at(loads, self, [load * factor for load in loads(self)])
 
+    def with_orders(self, orders: Sequence[int], by_engine_order: bool) -> "Drive":
+        """The same drive with harmonics of these orders; whether those that follow its engine order still do."""
+        if self.harmonic is None:
+            return self
+        listed = tuple(
+            _same_numbers(replace(one, order=n, by_engine_order=by_engine_order and one.by_engine_order), one)
+            for one, n in zip(self.harmonic, orders, strict=True)
+        )
+        return eqx.tree_at(lambda drive: drive.harmonic, self, listed, is_leaf=lambda part: part is self.harmonic)
+
     def own_loads(self) -> Sequence[tuple[Any, ...]]:
         """The fields of the drive that are amplitudes of a force and of a moment, by harmonics."""
         if self._is_own:
@@ -314,17 +324,6 @@ class Drive(eqx.Module):
         return [one.amplitudes if isinstance(one, ComplexHarmonic) else (one.F, one.M) for one in self.harmonic]
 
 
-def order_of_drive(drive: Drive) -> int | None:
-    """The engine order modulo N of a row with this drive: harmonic n has n times its phases; None if there is none."""
-    orders = {n: order_of_phases(one.phase) for n, one in drive.harmonics().items()}
-    N = np.shape(drive.phase)[-1]
-    return next((e for e in range(N) if all(order == n * e % N for n, order in orders.items())), None)
-
-
-def order_of_phases(phase: ArrayLike) -> int | None:
-    """The engine order modulo N of a row with the phases (N,) of its drive; None where they are those of none."""
-    phase = np.asarray(phase, float)
-    N = len(phase)
-    order = round(N * (phase[1] - phase[0]) / math.tau) % N
-    miss = phase - phase[0] - math.tau * order * np.arange(N) / N
-    return None if np.max(np.abs(miss - math.tau * np.round(miss / math.tau))) > PHASE_ROUNDING else order
+def _same_numbers(one: Any, other: Any) -> Any:
+    """A part of a scene with the numbers of another that is like it, as they are."""
+    return jax.tree.unflatten(jax.tree.structure(one), jax.tree.leaves(other))

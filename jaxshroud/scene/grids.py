@@ -13,7 +13,7 @@ from jaxshroud.scene.derived_inputs import check_disjoint
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import find_key, number_shape
 from jaxshroud.scene.layout import Layout, reading_text
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, with_plain_orders
 from jaxshroud.scene.typed import short_repr, typed
 from jaxshroud.scene.valid import check_values
 from jaxshroud.scene.vary import fields_of, replaced
@@ -127,6 +127,10 @@ def stack_scenes(scenes: Sequence[Scene]) -> Scene:
     what = "scenes are stacked if they have the same parts, the same reading and the same numbers"
     if not len(scenes):
         raise InputError(f"{what}; there is none")
+    if (
+        len({jax.tree.structure(scene.drive) for scene in scenes}) > 1
+    ):  # as where some give orders, others engine orders
+        scenes = [with_plain_orders(scene) for scene in scenes]
     for i, other in enumerate(scenes[1:], 1):
         if jax.tree.structure(other) != jax.tree.structure(scenes[0]):
             raise InputError(f"{what}; scene {i} {_unlike_part(scenes[0], other)}")

@@ -4,15 +4,13 @@
 the latter with the parts of its influence coefficients.
 """
 
-import math
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from jaxshroud.scene.checks import fail, toml_text
-from jaxshroud.scene.keys import AERO_KEYS, SINGLE_LOADS, TABLES_IN_ROW
-from jaxshroud.scene.optional import A_HARMONIC, harmonic_count, harmonic_forms, require_number, split_harmonics
+from jaxshroud.scene.keys import AERO_KEYS, TABLES_IN_ROW
+from jaxshroud.scene.optional import A_HARMONIC, split_harmonics
 from jaxshroud.scene.point_numbers import with_listed_places
-from jaxshroud.scene.speed import depends_on_speed, keys_in
 
 FileDocument = dict[str, Any]
 COEFFICIENTS = ("L0", "L1", "L_1")  # written as [real, imaginary] in a file
@@ -46,72 +44,6 @@ def nested(tables: Mapping[str, Any]) -> dict[str, Any]:
         return tables
     plain, harmonics = split_harmonics(drive)
     return {**tables, "drive": {**plain, "harmonic": harmonics}} if harmonics else tables
-
-
-def resolve_orders(document: FileDocument, name: str, overridden: Collection[tuple[str, str]] = ()) -> tuple[str, ...]:
-    """Replace engine orders of harmonics by their orders, in place; how each harmonic is given, see `harmonic_forms`.
-
-    Where [drive] has no engine order, the greatest common divisor of those of the harmonics becomes it, in rows without
-    phases, beside a speed, and where the stiffness or the gap depends on that.
-
-    Raises:
-        SceneError: An order is no multiple of that of the drive, or two harmonics have one order.
-    """
-    drive = document.get("drive")
-    if not isinstance(drive, dict) or not (count := harmonic_count(drive)):
-        return ()
-    for entry in SINGLE_LOADS:
-        if entry in drive:
-            others = [f"drive.{other}" for other in drive if other != entry]
-            require_number(f"drive.{entry}", others, "--set" if ("drive", entry) in overridden else name)
-    of = [_own_engine_order(drive, i, name) for i in range(count)]
-    given = [order for order in of if order is not None]
-    if given:
-        base = drive.get("engine_order", _divisor(given, count, name))
-        tells = "speed" in drive or ("row" in document and "phase" not in drive) or depends_on_speed(keys_in(document))
-        if "engine_order" not in drive and tells:
-            drive["engine_order"] = base
-        for i, order in enumerate(of):
-            if order is not None:
-                del drive[f"harmonic[{i}].engine_order"]
-                drive[f"harmonic[{i}].order"] = _multiple(order, base, i, name)
-    orders = [drive.get(f"harmonic[{i}].order") for i in range(count)]
-    for i, order in enumerate(orders):
-        if order in orders[:i] and order is not None:
-            fail(name, f"[[drive.harmonic]] {orders.index(order)} and {i} both have order {order}; make one of them")
-    return harmonic_forms(drive)
-
-
-def _own_engine_order(drive: FileDocument, i: int, where: str) -> int | None:
-    """The engine order of a harmonic; None where its order is given."""
-    order = drive.get(f"harmonic[{i}].engine_order")
-    if order is None:
-        return None
-    if f"harmonic[{i}].order" in drive:
-        fail(where, f"[[drive.harmonic]] {i} gives both `order` and `engine_order`; keep one of them")
-    if isinstance(order, bool) or not isinstance(order, int | float) or order == 0 or order % 1:
-        fail(where, f"[[drive.harmonic]] {i}: engine_order = {toml_text(order)} must be a whole number but 0, e.g. 8")
-    return int(order)
-
-
-def _divisor(orders: Collection[int], count: int, where: str) -> int:
-    """The engine order of a drive whose harmonics have these."""
-    if len(orders) < count:
-        fail(where, "[[drive.harmonic]]: some have an order and some an engine order; give drive.engine_order too")
-    return math.gcd(*orders) * (-1 if max(orders) < 0 else 1)
-
-
-def _multiple(order: int, base: Any, i: int, where: str) -> int:
-    """The order of a harmonic, from its engine order and that of the drive."""
-    is_number = isinstance(base, int | float) and not isinstance(base, bool) and base
-    multiple = order / base if is_number else 1  # what is no number is reported later
-    if multiple < 1 or multiple % 1:
-        fail(
-            where,
-            f"[[drive.harmonic]] {i}: engine_order = {order} is no whole multiple of drive.engine_order = {base}; "
-            "leave drive.engine_order out, or give a divisor of all",
-        )
-    return int(multiple)
 
 
 def with_own_tables(document: dict[str, Any], where: str) -> dict[str, Any]:

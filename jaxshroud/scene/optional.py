@@ -1,7 +1,7 @@
 """The numbers that a scene may be without: what stands for them, and how they are refused where nothing does."""
 
 from collections.abc import Collection, Iterable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from jaxshroud.scene.checks import KeyNameError
 from jaxshroud.scene.keys import (
@@ -16,7 +16,7 @@ from jaxshroud.scene.keys import (
 from jaxshroud.scene.point_numbers import no_place, place_count
 from jaxshroud.scene.speed import GROWTHS, UNTWIST
 
-NO_WIDTH = "The scene's contact is not smooth: it has no width."
+NO_WIDTH = 'the scene has no contact.width: its contact is not smooth; add [parts] contact = "smooth"'
 MEAN_LOADS = ("drive.F_x_mean", "drive.F_y_mean", "drive.M_mean")
 COUPLINGS = tuple(row.name for row in (*keys_of_table("coupling"), *AERO_KEYS))
 # of which a scene without them is the same
@@ -30,11 +30,21 @@ def harmonic_count(entries: Iterable[str]) -> int:
     return 1 + max((int(match["index"]) for match in matches if match), default=-1)
 
 
-def harmonic_forms(entries: Iterable[str]) -> tuple[str, ...]:
-    """How the entries of a table `drive` give each harmonic: by a "force" and its phase, or by "complex" amplitudes."""
-    entries = list(entries)
-    given = [[f"harmonic[{i}].{name}" in entries for name in COMPLEX_KEYS] for i in range(harmonic_count(entries))]
-    return tuple("complex" if any(names) else "force" for names in given)
+class HarmonicForm(NamedTuple):
+    """How a file gives a harmonic."""
+
+    is_complex: bool  # by complex amplitudes; else by a force and its phase
+    order: str  # the entry of its order
+
+
+def harmonic_forms(entries: Iterable[str]) -> tuple[HarmonicForm, ...]:
+    """How the entries of a table `drive` give each harmonic."""
+    entries, forms = set(entries), []
+    for i in range(harmonic_count(entries)):
+        is_complex = any(f"harmonic[{i}].{name}" in entries for name in COMPLEX_KEYS)
+        order = "engine_order" if f"harmonic[{i}].engine_order" in entries else "order"
+        forms.append(HarmonicForm(is_complex=is_complex, order=order))
+    return tuple(forms)
 
 
 def split_harmonics(entries: Mapping[str, Any]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
@@ -80,9 +90,7 @@ def _absence(name: str, present: Collection[str]) -> str:
     if match is not None and int(match["index"]) >= count:
         has = f"{_in_words(count)}, numbered from 0" if count else "no list of harmonics"
         return f"the scene has no {name}: its drive has {has}; add a table {A_HARMONIC}"
-    if match is not None and (
-        match["name"] in COMPLEX_KEYS or harmonic_forms(entries)[int(match["index"])] == "complex"
-    ):
+    if match is not None and (match["name"] in COMPLEX_KEYS or harmonic_forms(entries)[int(match["index"])].is_complex):
         other = "F_x_re and its like" if match["name"] not in COMPLEX_KEYS else "F, beta, M and phase"
         return f"the scene has no {name}: its harmonic [{match['index']}] is given by {other}; name these"
     if entry in SINGLE_LOADS and count:

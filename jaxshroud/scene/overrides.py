@@ -9,7 +9,9 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from jaxshroud.scene.checks import MAX_VALUES, fail, toml_text
-from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, alternative_keys, check_known
+from jaxshroud.scene.derived_inputs import BLOCK, DERIVED_BY_KEY, alternative_keys, check_known
+from jaxshroud.scene.document import worked_out_numbers
+from jaxshroud.scene.engine_orders import set_orders
 from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.scene.keys import (
     ALL_KEYS,
@@ -19,7 +21,6 @@ from jaxshroud.scene.keys import (
     POINT_ENTRY,
     Key,
     find_key,
-    list_words,
     number_shape,
     without_row,
 )
@@ -28,10 +29,9 @@ from jaxshroud.scene.messages import problem_text
 from jaxshroud.scene.nested_tables import COEFFICIENTS, parts_of_coefficient
 from jaxshroud.scene.optional import WITHOUT_EFFECT, require_number
 from jaxshroud.scene.point_numbers import no_place
-from jaxshroud.scene.replacing import STIFFNESS_KEYS
-from jaxshroud.scene.schema import TABLE_MODELS, RowTable, SweepTable, number_type, row_table_of
-from jaxshroud.scene.speed import keys_in, replaced_by
-from jaxshroud.scene.units import is_speed_of_rotation
+from jaxshroud.scene.replacing import require_own_stiffness
+from jaxshroud.scene.schema import ROW_TYPE, TABLE_MODELS, RowTable, SweepTable, number_type
+from jaxshroud.scene.speed import ORDER, check_is_no_speed, keys_in, replaced_by, require_phases_of_order
 
 OVERRIDE = re.compile(r"\s*([a-z]+)\.(\w+|(?:harmonic|point)\[\d+\]\.\w+)(?:\[(0|[1-9]\d{0,3})\])?\s*=\s*(\S.*?)\s*")
 WORDS = re.compile(r"[a-zA-Z_][\w.]*(\s*,\s*[a-zA-Z_][\w.]*)+")
@@ -75,19 +75,16 @@ def _toml_value(text: str, real: Callable[[str], Any]) -> Any:
     return document["v"][0]
 
 
-def check_is_no_speed(where: str, key: str, value: Any, engine_order: Any) -> None:
-    """Refuse a speed of rotation for the circular frequency of a drive whose scene has an engine order."""
-    if key == "drive.omega" and engine_order is not None and is_speed_of_rotation(value):
-        order = f"{engine_order:g}" if isinstance(engine_order, int | float) else engine_order
-        fail(
-            where,
-            f"{toml_text(value)} is a speed of rotation, but omega is the frequency of a drive with engine order "
-            f"{order}; name drive.speed, or give omega in rad/s",
-        )
+def row_table_of(document: dict[str, Any]) -> RowTable | None:
+    """The row of a file; None for the pair, and where it is invalid."""
+    try:
+        return ROW_TYPE.validate_python(document).row
+    except ValidationError:
+        return None
 
 
-def override(document: dict[str, Any], text: str) -> tuple[str, str]:
-    """Set one key of the `document` in place; its table and name are returned."""
+def override(document: dict[str, Any], text: str, file: str) -> tuple[str, str]:
+    """Set one key of the `document` of a `file` in place; its table and name are returned."""
     match, row = OVERRIDE.fullmatch(without_row(text)), row_table_of(document)
     if match is None:
         fail("--set", f"{toml_text(text)} is not table.key=value, e.g. --set contact.gamma=3")
@@ -98,15 +95,19 @@ def override(document: dict[str, Any], text: str) -> tuple[str, str]:
     if HARMONIC_ENTRY.fullmatch(name):
         require_number(f"{table}.{name}", [f"{table}.{other}" for other in rows], "--set")
     if match[3] is not None:
-        value = _list_with(rows, table, name, int(match[3]), value, row)
+        value = _list_with(document, f"{table}.{name}", int(match[3]), value, row, file)
         if value is None:
             return "", ""  # likewise
     check_is_no_speed("--set", f"{table}.{name}", value, rows.get("engine_order"))
     if (point := POINT_ENTRY.fullmatch(name)) and table == "contact":
         _set_place(rows, int(point["index"]), value)
         return table, "points"
+    others, present = alternative_keys(f"{table}.{name}", layout_with(row)), keys_in(document)
+    require_phases_of_order(f"{table}.{name}", others, present, "--set")
+    others = replaced_by(f"{table}.{name}", others, present)
+    if ORDER in others:
+        _keep_what_order_gives(document, name, file, layout_with(row))
     rows |= parts_of_coefficient(name, value, "--set") if table == "aero" and name in COEFFICIENTS else {name: value}
-    others = replaced_by(f"{table}.{name}", alternative_keys(f"{table}.{name}", layout_with(row)), keys_in(document))
     alternatives = [tuple(key.split(".")) for key in others]
     for rival_table, rival_key in [*EXCLUSIVE_KEYS.get((table, name), []), *_other_order(table, name), *alternatives]:
         if isinstance(document.get(rival_table), dict):
@@ -131,41 +132,56 @@ def _other_order(table: str, name: str) -> list[tuple[str, str]]:
 
 
 def _list_with(
-    rows: dict[str, Any], table: str, name: str, index: int, value: Any, row: RowTable | None
+    document: dict[str, Any], key: str, index: int, value: Any, row: RowTable | None, file: str
 ) -> list[Any] | None:
-    """The list of a table with the value of one blade or interface replaced; None where the file has an error."""
-    layout = layout_with(row)
-    size = _list_length(table, name, index, layout)
-    old = _old_value(rows, table, name, row)
-    others = [*alternative_keys(f"{table}.{name}", layout), STIFFNESS_KEYS.get(f"{table}.{name}")]
-    if old is None and any(others):
-        words = list_words(ALL_KEYS[f"{table}.{name}"], layout)
-        fail("--set", f"[{table}] {name}[{index}]: the file does not give `{name}`; set {words}")
+    """The list of a key with the value of one blade or interface replaced; None where the file has an error."""
+    layout, present = layout_with(row), keys_in(document)
+    size, old = _list_length(key, index, layout), _old_value(document, key, row, file)
+    if old is None and key in ALL_KEYS:
+        check_known(f"{key}[{index}]", present, "--set", layout)
+        require_own_stiffness(key, index, present, "--set")
+        require_number(key, present, "--set")
     numbers = old if isinstance(old, list) else [old] * size
     if old is None or len(numbers) != size:
         return None
     return [value if i == index else v for i, v in enumerate(numbers)]
 
 
-def _list_length(table: str, name: str, index: int, layout: Layout) -> int:
+def _list_length(key: str, index: int, layout: Layout) -> int:
     """The number of values of a key, one of which is that with the `index`."""
-    key, is_known = f"{table}.{name}", table in TABLE_MODELS and name in TABLE_MODELS[table].model_fields
-    shape = number_shape(ALL_KEYS[key], layout) if key in ALL_KEYS else ()
-    if is_known and not shape:
-        kind = "one number, " if key in KEYS else ""
-        fail("--set", f"[{table}] {name} is {kind}not one per blade; drop the [{index}]")
-    if shape:
+    if key in ALL_KEYS:
         find_key(f"{key}[{index}]", "--set", layout)
-    return shape[0] if shape else 2  # of an unknown key, which is reported later
+        return number_shape(ALL_KEYS[key], layout)[0]
+    table, _, name = key.partition(".")
+    if table in TABLE_MODELS and name in TABLE_MODELS[table].model_fields:
+        fail("--set", f"[{table}] {name} is not one per blade; drop the [{index}]")
+    return 2  # of an unknown key, which is reported later
 
 
-def _old_value(rows: dict[str, Any], table: str, name: str, row: RowTable | None) -> Any:
-    """What a table gives for a key, or what stands for it; None where there is nothing."""
-    if row is not None and (table, name) == ("row", "mistuning"):
+def _old_value(document: dict[str, Any], key: str, row: RowTable | None, file: str) -> Any:
+    """What a file gives for a key, or what stands for it; None where there is nothing."""
+    table, _, name = key.partition(".")
+    rows = document[table]
+    if row is not None and key == "row.mistuning":
         return list(row.mistuning)
+    if name in rows and rows[name] != BLOCK:
+        return rows[name]
     is_zero = table == "initial" or HARMONIC_ENTRY.fullmatch(name)
-    standing = rows.get("m") if name == "m_y" else 0.0 if is_zero else WITHOUT_EFFECT.get(f"{table}.{name}")
-    return rows.get(name, standing)
+    standing = rows.get("m") if name == "m_y" else 0.0 if is_zero else WITHOUT_EFFECT.get(key)
+    if standing is not None or key not in KEYS:
+        return standing
+    return worked_out_numbers(document, file, layout_with(row)).get(table, {}).get(name)
+
+
+def _keep_what_order_gives(document: dict[str, Any], name: str, file: str, layout: Layout) -> None:
+    """Give as numbers what the engine order of a drive gives beside the number that takes its place, in place."""
+    drive = document["drive"]
+    numbers = worked_out_numbers(document, file, layout)
+    if name == "phase" and "speed" in drive and numbers:
+        drive["omega"] = numbers["drive"]["omega"]
+        del drive["speed"]
+    if "engine_order" in drive:
+        set_orders(drive, file)
 
 
 def axis(
@@ -196,8 +212,6 @@ def axis(
     """
     where = where or f"--along {key}"
     row = _known_row(scene_file, key, where)
-    if row.name == "contact.width" and scene_file.tables["parts"]["contact"] != "smooth":
-        fail(where, 'the scene\'s contact is not smooth and has no width; add [parts] contact = "smooth"')
     ends = [start, stop, num]
     if (values is None and None in ends) or (values is not None and ends != [None] * 3):
         fail(where, "needs either values, or start, stop and num")
@@ -235,7 +249,7 @@ def _known_row(scene_file: SceneFile, key: str, where: str) -> Key:
     """The row of a key, which the scene has."""
     row, _ = find_key(key, where, scene_file.layout)
     check_known(key, scene_file.given, where, scene_file.layout)
-    if row.name not in (*DERIVED_BY_KEY, "contact.width"):  # whose cure is to add both of its words
+    if row.name not in DERIVED_BY_KEY:
         present = [f"{table}.{name}" for table, part in scene_file.tables.items() for name in part]
         require_number(row.name, present, where)
     return row

@@ -4,7 +4,7 @@ The numbers of a scene are worked out where NumPy computes them in the same orde
 scene that `vary` makes of a value is, bit for bit, that of an override.
 """
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from typing import Any
 
 import numpy as np
@@ -19,10 +19,11 @@ from jaxshroud.scene.derived_inputs import (
     inputs_that_count,
     worked_out,
 )
+from jaxshroud.scene.engine_orders import with_plain_entries
 from jaxshroud.scene.keys import ALL_KEYS, Key, find_key, number_shape
 from jaxshroud.scene.layout import PAIR, Layout, row_layout
 from jaxshroud.scene.optional import require_number, standing_for
-from jaxshroud.scene.speed import replaced_by, require_phases_of_order
+from jaxshroud.scene.speed import ORDER, replaced_by, require_phases_of_order
 
 STIFFNESS_KEYS = {"contact.k": "contact.gamma", "contact.gamma": "contact.k"}  # each drops the other
 
@@ -82,10 +83,16 @@ def renamed_numbers(
 
 def _all_of(number: Key, index: int, holder: Numbers, numbers: Numbers) -> Any:
     """A number of all blades or interfaces, of which one is to be replaced."""
-    if number.name in STIFFNESS_KEYS and number.name not in holder:
-        other = STIFFNESS_KEYS[number.name]
-        raise KeyNameError(f"the scene is given by {other}; name {number.name} for all interfaces, or {other}[{index}]")
+    require_own_stiffness(number.name, index, holder)
     return holder[number.name] if number.name in holder else standing_for(number.name, numbers)
+
+
+def require_own_stiffness(name: str, index: int, present: Container[str], where: str = "") -> None:
+    """Raise a KeyNameError for the stiffness of one interface where all are given by the other key, k or gamma."""
+    other = STIFFNESS_KEYS.get(name)
+    if other is not None and name not in present:
+        cure = f"name {name} for all interfaces, or {other}[{index}]"
+        raise KeyNameError(f"{where + ': ' if where else ''}the scene is given by {other}; {cure}")
 
 
 def replaced_tables(
@@ -98,14 +105,19 @@ def replaced_tables(
         given: The inputs from which numbers were worked out.
         values: Key -> number or pair in SI units.
     """
-    layout = layout_of(tables)
-    entries = {f"{table}.{name}": value for table, part in tables.items() for name, value in part.items()}
-    words = {key: value for key, value in entries.items() if key not in ALL_KEYS}
+    layout, entries = layout_of(tables), _entries_of(tables)
     numbers = {key: _as_array(key, value, layout) for key, value in entries.items() if key in ALL_KEYS}
     inputs = {key: None if value is None else _as_array(key, value, layout) for key, value in given.items()}
     arrays = {key: np.asarray(v, float) for key, v in values.items()}
     numbers, inputs = replace_numbers(numbers, inputs, arrays, layout=layout)
+    if ORDER in given and ORDER not in inputs:  # harmonics that followed it keep their orders
+        entries = _entries_of({**tables, "drive": with_plain_entries(tables["drive"], given[ORDER])})
+    words = {key: value for key, value in entries.items() if key not in ALL_KEYS}
     return in_tables(words | plain_numbers(numbers), plain_numbers(inputs), layout)
+
+
+def _entries_of(tables: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    return {f"{table}.{name}": value for table, part in tables.items() for name, value in part.items()}
 
 
 def layout_of(tables: Mapping[str, Any]) -> Layout:

@@ -337,4 +337,11 @@ def without_given(scene: Scene) -> Scene:
     The engine order is kept where its speed matters.
     """
     kept = {ORDER: scene.given[ORDER]} if scene.depends_on_speed else {}
-    return eqx.tree_at(lambda s: s.given, scene, kept, is_leaf=lambda part: isinstance(part, dict))
+    numbers = with_plain_orders(scene)
+    return eqx.tree_at(lambda s: s.given, numbers, kept, is_leaf=lambda part: isinstance(part, dict))
+
+
+def with_plain_orders(scene: Scene) -> Scene:
+    """The same scene, whose harmonics keep their orders whatever becomes of the engine order."""
+    drive = scene.drive.with_orders([one.order for one in scene.drive.harmonic or ()], by_engine_order=False)
+    return eqx.tree_at(lambda s: s.drive, scene, drive, is_leaf=lambda part: isinstance(part, Drive))

@@ -19,7 +19,6 @@ from pydantic import (
     Field,
     Tag,
     TypeAdapter,
-    ValidationError,
     create_model,
     model_validator,
 )
@@ -68,6 +67,7 @@ from jaxshroud.scene.layout import (
     misprints,
     row_layout,
 )
+from jaxshroud.scene.optional import HarmonicForm
 from jaxshroud.scene.units import to_si
 
 
@@ -136,16 +136,19 @@ def _fields(rows: Sequence[Key], layout: Layout) -> dict[str, Any]:
     return {n.parts[1]: (_entry(n, layout), _default(n, layout)) for n in rows}
 
 
-def _drive_table(layout: Layout, harmonics: tuple[str, ...]) -> type[Table]:
+ORDERS = {  # of a harmonic
+    "order": Annotated[int, Field(strict=True, ge=1, le=MAX_ORDER), key("order, a multiple of drive.omega", 2)],
+    "engine_order": Annotated[int, Field(strict=True), key("engine order, by which the order follows", 8)],
+}
+
+
+def _drive_table(layout: Layout, harmonics: tuple[HarmonicForm, ...]) -> type[Table]:
     """The model of a [drive] with harmonics in tables of their own, see `harmonic_forms`; none: it has but one."""
     if not harmonics:
         return _number_table("drive", layout)
-    order = Annotated[
-        int, Field(strict=True, ge=1, le=MAX_ORDER), key("order of the harmonic, a multiple of drive.omega", 2)
-    ]
-    names = [COMPLEX_KEYS if form == "complex" else HARMONIC_KEYS for form in harmonics]
+    names = [COMPLEX_KEYS if form.is_complex else HARMONIC_KEYS for form in harmonics]
     rows = [ALL_KEYS[f"drive.harmonic[{i}].{name}"] for i, own in enumerate(names) for name in own]
-    orders: dict[str, Any] = {f"harmonic[{i}].order": (order, ...) for i in range(len(harmonics))}
+    orders: dict[str, Any] = {f"harmonic[{i}].{one.order}": (ORDERS[one.order], ...) for i, one in enumerate(harmonics)}
     return _number_table("drive", layout, SINGLE_LOADS, **orders, **_fields(rows, layout))
 
 
@@ -293,7 +296,7 @@ TITLE = Annotated[str, key("what the scene shows, in one line", "Fig. 9", patter
 
 
 @lru_cache(maxsize=16)
-def table_models(layout: Layout, harmonics: tuple[str, ...]) -> dict[str, type[Table]]:
+def table_models(layout: Layout, harmonics: tuple[HarmonicForm, ...]) -> dict[str, type[Table]]:
     """The models of all tables of a file whose drive has harmonics in tables of their own, see `harmonic_forms`."""
     return {
         **{table: _number_table(table, layout) for table in ("blades", "shroud")},
@@ -315,16 +318,8 @@ PHYSICS_TABLES = tuple(TABLE_MODELS)[:8]
 ROW_TYPE: TypeAdapter[Any] = TypeAdapter(create_model("FileWithRow", row=(RowTable | None, None)))  # of any file
 
 
-def row_table_of(document: dict[str, Any]) -> RowTable | None:
-    """The row of a file; None for the pair, and where it is invalid."""
-    try:
-        return ROW_TYPE.validate_python(document).row
-    except ValidationError:
-        return None
-
-
 @lru_cache(maxsize=16)
-def scene_file_type(layout: Layout, harmonics: tuple[str, ...]) -> Any:
+def scene_file_type(layout: Layout, harmonics: tuple[HarmonicForm, ...]) -> Any:
     """The pydantic type of a file."""
     models = table_models(layout, harmonics)
     fields: dict[str, Any] = {

@@ -13,7 +13,8 @@ import numpy as np
 
 from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.drive import PHASE_ROUNDING, Drive, order_of_drive
+from jaxshroud.scene.drive import Drive
+from jaxshroud.scene.drive_orders import PHASE_ROUNDING, order_of_drive
 from jaxshroud.scene.keys import ALL_KEYS, MIN_BLADES, number_shape
 from jaxshroud.scene.scene import Row, Scene
 from jaxshroud.scene.vary import field_of, fields_of

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxshroud.scene.checks import KeyNameError, SceneError
+from jaxshroud.scene.checks import KeyNameError, SceneError, fail, toml_text
+from jaxshroud.scene.units import is_speed_of_rotation
 
 ORDER = "drive.engine_order"
 # (k, m) of each growth B: k(Omega) = k + B m Omega^2
@@ -43,6 +44,17 @@ def grown(k: Any, B: Any, mass: Any, square: Any) -> Any:
 def untwisted_gap(gap: Any, at: Any, share: Any) -> Any:
     """The gap [m] by the one `at` another speed, of whose square the square of the speed is a share."""
     return gap + (at - gap) * share
+
+
+def check_is_no_speed(where: str, key: str, value: Any, engine_order: Any) -> None:
+    """Refuse a speed of rotation for the circular frequency of a drive whose scene has an engine order."""
+    if key == "drive.omega" and engine_order is not None and is_speed_of_rotation(value):
+        order = f"{engine_order:g}" if isinstance(engine_order, int | float) else engine_order
+        fail(
+            where,
+            f"{toml_text(value)} is a speed of rotation, but omega is the frequency of a drive with engine order "
+            f"{order}; name drive.speed, or give omega in rad/s",
+        )
 
 
 def without_zeros(entries: Mapping[str, Any]) -> dict[str, Any]:
@@ -103,17 +115,19 @@ def _check_growth(
     )
 
 
-def require_phases_of_order(name: str, others: Container[str], numbers: Container[str]) -> None:
+def require_phases_of_order(name: str, others: Container[str], numbers: Container[str], where: str = "") -> None:
     """Raise a KeyNameError where other phases would take from a row the engine order that its speed needs.
 
     Args:
         name: The number that is replaced.
         others: The keys of which it takes the place.
         numbers: The numbers of the scene by their keys.
+        where: The place that the message names first.
     """
+    where = f"{where}: " if where else ""
     if name == "drive.phase" and ORDER in others and depends_on_speed(numbers):
         raise KeyNameError(
-            f"drive.phase is that of {ORDER} in a row whose stiffness or gap depends on its speed; "
+            f"{where}drive.phase is that of {ORDER} in a row whose stiffness or gap depends on its speed; "
             "name drive.harmonic[0].phase for one with a list of harmonics"
         )
 

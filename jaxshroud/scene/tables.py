@@ -7,12 +7,14 @@ import numpy as np
 
 from jaxshroud.scene.blades import Aero, Blades, Coupling
 from jaxshroud.scene.drive import ComplexHarmonic, Drive, Harmonic
+from jaxshroud.scene.engine_orders import order_of
 from jaxshroud.scene.keys import ALL_KEYS, SINGLE_LOADS, Motion, number_shape
 from jaxshroud.scene.layout import Layout, Parts, Start, layout_with
 from jaxshroud.scene.optional import split_harmonics
 from jaxshroud.scene.point_numbers import with_listed_places
 from jaxshroud.scene.points import ContactPoints
 from jaxshroud.scene.scene import Contact, Friction, Row, Scene, Shroud
+from jaxshroud.scene.speed import ORDER
 
 START_ENTRIES = ("start", "friction")  # of the table `initial`, beside its numbers
 
@@ -31,7 +33,7 @@ def scene_of(tables: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]) 
         Shroud(**tables["shroud"]),
         _contact_of(tables),
         Friction(**tables["friction"]),
-        _drive_of(tables["drive"]),
+        _drive_of(tables["drive"], given.get(ORDER)),
         Motion(**{name: value for name, value in tables["initial"].items() if name not in START_ENTRIES}),
         Parts(**{**parts, "motion": tuple(parts["motion"])}),
         given=given,  # pyright: ignore[reportArgumentType]
@@ -55,11 +57,17 @@ def start_entries(start: Start) -> dict[str, str]:
     return {} if start == "motion" else {"start": "static", **friction}
 
 
-def _drive_of(entries: Mapping[str, Any]) -> Drive:
-    """The drive from the entries of its table, those of its harmonics among them."""
+def _drive_of(entries: Mapping[str, Any], engine_order: Any) -> Drive:
+    """The drive from the entries of its table, those of its harmonics among them, and its engine order, if any."""
     plain, of = split_harmonics(entries)
-    harmonics = tuple((Harmonic if "F" in one else ComplexHarmonic)(**one) for one in of)
+    harmonics = tuple(_harmonic_of(i, one, engine_order) for i, one in enumerate(of))
     return Drive(**{**dict.fromkeys(SINGLE_LOADS), **plain}, harmonic=harmonics or None)
+
+
+def _harmonic_of(i: int, entries: dict[str, Any], engine_order: Any) -> Harmonic | ComplexHarmonic:
+    own = entries.pop("engine_order", None)
+    order = {} if own is None else {"order": order_of(own, float(engine_order), i), "by_engine_order": True}
+    return (Harmonic if "F" in entries else ComplexHarmonic)(**entries, **order)
 
 
 def _contact_of(tables: Mapping[str, Mapping[str, Any]]) -> Contact:

@@ -10,6 +10,7 @@ import tomli_w
 
 from jaxshroud.scene.derived_inputs import in_given_form, in_tables
 from jaxshroud.scene.drive import Drive
+from jaxshroud.scene.drive_orders import entries_of_orders
 from jaxshroud.scene.keys import Key
 from jaxshroud.scene.layout import reading_text
 from jaxshroud.scene.nested_tables import flattened, nested
@@ -30,10 +31,11 @@ def given_numbers_of(scene: Scene) -> dict[str, np.ndarray]:
 
 def tables_of(scene: Scene) -> dict[str, dict[str, Any]]:
     """One scene as it is given, in plain numbers by table and key, with one number for equal blades."""
-    tables = in_tables(plain_numbers(numbers_of(scene)), plain_numbers(given_of(scene)), scene.layout)
+    given = given_of(scene)
+    tables = in_tables(plain_numbers(numbers_of(scene)), plain_numbers(given), scene.layout)
     tables["contact"]["reading"] = reading_text(scene.contact.reading)
     tables["initial"] |= start_entries(scene.start)
-    tables["drive"] |= {f"harmonic[{i}].order": one.order for i, one in enumerate(scene.drive.harmonic or ())}
+    tables["drive"] |= entries_of_orders(scene.drive, given)
     if scene.contact.points is not None:
         tables["contact"] |= scene.contact.points.as_given()
     if type(scene.drive) is not Drive:

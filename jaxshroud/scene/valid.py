@@ -10,7 +10,7 @@ from jax.core import Tracer
 from numpy.typing import NDArray
 
 from jaxshroud.scene.checks import InputError, Precision, SceneError
-from jaxshroud.scene.keys import KEYS, Key, find_key, list_words, number_shape
+from jaxshroud.scene.keys import KEYS, Key, list_words, number_shape
 from jaxshroud.scene.layout import PAIR, Layout
 from jaxshroud.scene.typed import are_numbers, short_repr
 from jaxshroud.scene.units import to_si
@@ -41,12 +41,6 @@ def check_given(given: Sequence[tuple[Key, Any]]) -> None:
             check_shape(key, value, PAIR)
     for key, value in given:
         _check_range(key, value)
-
-
-def check_continuous(key: str, layout: Layout) -> None:
-    """Raise a SceneError for a number that is whole, such as a ring's engine order: between its values lies nothing."""
-    if find_key(key, layout=layout)[0].range.whole:
-        raise SceneError(f"{key} is a whole number here, which nothing can follow or differentiate; name another one")
 
 
 def check_number(key: Key, value: Any, layout: Layout = PAIR) -> None:

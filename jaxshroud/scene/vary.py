@@ -20,11 +20,12 @@ from jaxshroud.scene.derived_inputs import (
     inputs_by_key,
     inputs_in,
 )
+from jaxshroud.scene.drive_orders import drive_at_order
 from jaxshroud.scene.keys import ALL_KEYS, HARMONIC_ENTRY, KEYS, POINT_ENTRY, find_key, number_shape, point_key
 from jaxshroud.scene.optional import require_number, standing_for
 from jaxshroud.scene.replacing import renamed_numbers, replace_numbers
 from jaxshroud.scene.scene import Scene
-from jaxshroud.scene.speed import check_speed
+from jaxshroud.scene.speed import ORDER, check_speed
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import check_number
 
@@ -102,7 +103,7 @@ def replaced(scene: Scene, values: Mapping[str, Any]) -> Scene:
         check_order(inputs)
     if not is_traced((new, inputs)):
         check_speed(new, inputs, scene.layout.blades)
-    changed = _with_leaves(scene, numbers, new, inputs)
+    changed = _with_leaves(scene, (numbers, given), (new, inputs))
     if changed.contact.points is not None:
         changed.contact.points.check_on(changed.shroud.l_ab)
     return changed
@@ -112,15 +113,22 @@ def expressed_by(scene: Scene, values: Mapping[str, Any]) -> Scene:
     """The same scene, given by these of its numbers or inputs (key -> value), from which nothing is worked out."""
     numbers, given = fields_of(scene), given_of(scene)
     renamed = renamed_numbers(numbers, given, values, np.shape(scene.drive.omega), scene.layout)
-    return _with_leaves(scene, numbers, *renamed)
+    return _with_leaves(scene, (numbers, given), renamed)
 
 
 def _on_host(numbers: Mapping[str, Any]) -> dict[str, Any]:
     return {key: None if value is None else np.asarray(value, float) for key, value in numbers.items()}
 
 
-def _with_leaves(scene: Scene, old: Mapping[str, Any], new: Mapping[str, Any], given: Mapping[str, Any]) -> Scene:
-    """The scene with those numbers that are not the old ones, None where there is no longer one, and with inputs."""
+def _with_leaves(scene: Scene, before: tuple[Mapping[str, Any], ...], after: tuple[Mapping[str, Any], ...]) -> Scene:
+    """The scene with those numbers that are not the old ones, None where there is no longer one, and with inputs.
+
+    Args:
+        scene: The scene.
+        before: Its numbers and its inputs.
+        after: Those that it is to have.
+    """
+    (old, inputs), (new, given) = before, after
 
     def leaf(value):
         return None if value is None else jnp.asarray(value, scene.drive.omega.dtype)
@@ -131,7 +139,9 @@ def _with_leaves(scene: Scene, old: Mapping[str, Any], new: Mapping[str, Any], g
         return [*(field_of(s, key) for key in changed), s.given]
 
     leaves = [*(leaf(new.get(key)) for key in changed), {key: leaf(value) for key, value in given.items()}]
-    return eqx.tree_at(places, scene, leaves, is_leaf=lambda part: part is None or part is scene.given)
+    changed_scene = eqx.tree_at(places, scene, leaves, is_leaf=lambda part: part is None or part is scene.given)
+    drive = drive_at_order(changed_scene.drive, inputs.get(ORDER), given.get(ORDER))
+    return eqx.tree_at(lambda s: s.drive, changed_scene, drive, is_leaf=lambda part: part is changed_scene.drive)
 
 
 NUMERIC_KEYS = tuple(KEYS)

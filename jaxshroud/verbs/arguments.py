@@ -14,7 +14,7 @@ import numpy as np
 from jaxshroud.batch.states import initial_states
 from jaxshroud.cache.programs import is_traced
 from jaxshroud.io.lane_status import AccuracyWarning
-from jaxshroud.io.scene_numbers import scene_differences
+from jaxshroud.io.scene_numbers import dimension, scene_differences
 from jaxshroud.io.variable import jax_lane_arrays
 from jaxshroud.march.method import Method, StepCount
 from jaxshroud.march.method_names import TABLEAUS
@@ -23,9 +23,10 @@ from jaxshroud.scene.checks import DEFAULT_TRANSIENT, InputError, count_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import ALL_KEYS, number_shape
 from jaxshroud.scene.layout import NO_CONTACT, require_capability, require_points, require_steps
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, with_plain_orders
 from jaxshroud.scene.schema import RunTable
 from jaxshroud.scene.sector import require_sector
+from jaxshroud.scene.speed import ORDER
 from jaxshroud.scene.text import numbers_of, text_of
 from jaxshroud.scene.typed import Tree
 from jaxshroud.scene.valid import in_precision
@@ -189,12 +190,15 @@ class ResolvedOptions(NamedTuple):
     def provenance(self, transient: int, steps: int) -> tuple[dict[str, str], dict[str, LaneVariable]]:
         """The attributes that say which scene a result is of, and the numbers in which its scenes differ."""
         run = {"periods": self.n_periods, "transient": transient, **self._march_entry(steps)}
+        differences = scene_differences(self.scene, self.shape, self.dims)
         if self.file is None:
             first = jax.tree.map(lambda a: np.asarray(a)[0], self.lanes)
+            if dimension(ORDER) in differences:  # where one text is of many engine orders, it gives plain ones
+                first = with_plain_orders(first)
             attributes = {"title": "", "scene": text_of(first, run)}
         else:
             attributes = {"title": self.file.title, "scene": self.file.text(run), "source": self.file.name}
-        return attributes, scene_differences(self.scene, self.shape, self.dims)
+        return attributes, differences
 
     def _march_entry(self, steps: int) -> dict[str, StepCount | float]:
         """The entry of [run] that says how it was marched."""

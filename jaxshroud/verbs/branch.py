@@ -22,11 +22,12 @@ from jaxshroud.orbits.shooting import CLOSING_TOLERANCE, ShootingOptions, closed
 from jaxshroud.orbits.travelling_wave import whole_parts
 from jaxshroud.results.branch import Branch
 from jaxshroud.scene.checks import InputError, NumericalError, count_argument
+from jaxshroud.scene.drive_orders import check_continuous
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
-from jaxshroud.scene.valid import check_continuous, in_precision
+from jaxshroud.scene.valid import in_precision
 from jaxshroud.scene.vary import value_of, with_numbers
 from jaxshroud.verbs.arguments import check_known_period, check_row, one_scene, resolve_options
 from jaxshroud.verbs.asked import MethodArgument
@@ -174,7 +175,7 @@ def range_of(scene: Scene | SceneFile, along: str, start: float | None, stop: fl
     if along.startswith("initial."):
         advice = "follow a number of the scene, or vary starts by `sweep` and `basins`"
         raise InputError(f"{along} is where a run starts, and an orbit does not depend on it: {advice}.")
-    check_continuous(along, (scene.scene if isinstance(scene, SceneFile) else scene).layout)
+    check_continuous(along, scene.scene if isinstance(scene, SceneFile) else scene)
     own: Sequence[float] = ()
     if isinstance(scene, SceneFile):
         own = next((np.asarray(axis.values).tolist() for axis in scene.axes if axis.key == along), ())

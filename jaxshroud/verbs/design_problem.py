@@ -18,12 +18,13 @@ from jaxshroud.model.prepared import State
 from jaxshroud.results.tuned import PENALTY, DesignJudgement
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.derived_inputs import check_disjoint
+from jaxshroud.scene.drive_orders import check_continuous
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.keys import find_key
-from jaxshroud.scene.layout import PAIR, Layout, require_capability
+from jaxshroud.scene.layout import Layout, require_capability
 from jaxshroud.scene.quantities import Quantity, amplitude_of, check_quantity, is_reduction
 from jaxshroud.scene.scene import Scene, without_given
-from jaxshroud.scene.valid import check_continuous, check_values, in_precision
+from jaxshroud.scene.valid import check_values, in_precision
 from jaxshroud.scene.vary import value_of, with_numbers
 from jaxshroud.signals.amplitudes import check_resonance, check_vibration, free_level, levels_of
 from jaxshroud.signals.averages import stiffnesses
@@ -108,7 +109,7 @@ def problem_of(
         KeyError: The scene has no such number.
         ValueError: Bounds are not in order, a key is both tuned and a condition, or a number scatters out of its range.
     """
-    check_bounds(over, scene.layout)
+    check_bounds(over, scene)
     check_objective(of, scene)
     free = free_level(of, scene)
     shared = set(over) & set(conditions)
@@ -171,15 +172,15 @@ def check_condition(key: str, values: Sequence[float], layout: Layout) -> None:
     check_values(find_key(key, layout=layout)[0], np.ravel(values).astype(float), f"{key}, as an operating condition,")
 
 
-def check_bounds(over: Mapping[str, tuple[float, float]], layout: Layout = PAIR) -> None:
+def check_bounds(over: Mapping[str, tuple[float, float]], scene: Scene) -> None:
     """Raise an InputError unless there is a number, and the bounds of each are finite, in order and in its range."""
     if not over:
         raise InputError("Argument `over` must name at least one number.")
     for key, (low, high) in over.items():
         if not -np.inf < low < high < np.inf:
             raise InputError(f"The bounds of {key} must be finite and in order, but are {low} and {high}.")
-        check_continuous(key, layout)
-        check_values(find_key(key, layout=layout)[0], np.array([low, high]), f"{key}, at its bounds,")
+        check_continuous(key, scene)
+        check_values(find_key(key, layout=scene.layout)[0], np.array([low, high]), f"{key}, at its bounds,")
 
 
 def varied_numbers(problem: Problem, designs: np.ndarray) -> np.ndarray:

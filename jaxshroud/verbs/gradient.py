@@ -26,11 +26,11 @@ from jaxshroud.orbits.shooting import CLOSING_TOLERANCE, ShootingOptions
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.results.orbit import Orbit
 from jaxshroud.scene.checks import InputError, count_argument, positive_argument, seed_argument
+from jaxshroud.scene.drive_orders import check_continuous
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.quantities import Quantity, check_quantity, is_reduction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
-from jaxshroud.scene.valid import check_continuous
 from jaxshroud.scene.vary import level_of, numbers_that_count, with_numbers
 from jaxshroud.signals.amplitudes import check_resonance, check_vibration, counted_reduction
 from jaxshroud.verbs.arguments import check_row, resolve_options
@@ -212,7 +212,7 @@ def _check_names(wrt: Sequence[str], scene: Scene) -> None:
     if not len(wrt):
         raise InputError("Argument `wrt` must name at least one number of the scene.")
     for key in wrt:
-        check_continuous(key, scene.layout)
+        check_continuous(key, scene)
 
 
 @typed

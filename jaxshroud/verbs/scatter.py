@@ -192,7 +192,7 @@ def draw_rows(
         KeyError: The scene has no such number.
         ValueError: See `scatter`.
     """
-    check_bounds(bounds, scene.layout)
+    check_bounds(bounds, scene)
     with_numbers(scene, list(bounds))
     seed_argument(seed)
     count_argument("draws", draws, 2)

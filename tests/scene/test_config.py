@@ -258,7 +258,7 @@ def test_a_grid_needs_independent_keys(keys):
         ("friction.kd=1", "--set: [friction] has no key `kd`; did you mean `k_d`?"),
         ("frictoin.mu=1", "--set: there is no table [frictoin]; did you mean `friction`?"),
         ("shroud.gap=0.03 kg", '--set: [shroud] gap = "0.03 kg" is a mass, but a length is needed'),
-        ("shroud.gap[0]=1", "--set: [shroud] gap is one number, not one per blade; drop the [0]"),
+        ("shroud.gap[0]=1", "--set: shroud.gap is one number, not one per blade; drop the [0]"),
         ("blades.m[1]=-1", "--set: [blades] m = [0.08, -1] must be greater than 0"),
         ("run.periods=0", "--set: [run] periods = 0"),
         ("contact.reading=gap_sign,lever", "did you mean `levers`?"),

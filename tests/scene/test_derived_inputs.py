@@ -91,7 +91,7 @@ def test_overrides_take_the_place_of_what_says_the_same(overrides, key, value):
         ({"f_x": "f_x = -3"}, [], "own: [blades] f_x = -3 must be greater than 0"),
         ({"I": 'I = "blok"'}, [], "is not a number with a unit"),
         ({}, ["blades.zeta_x=banana"], '--set: [blades] zeta_x = "banana" is not a number'),
-        ({}, ["blades.c_x[0]=3"], "--set: [blades] c_x[0]: the file does not give `c_x`; set a pair [left, right]"),
+        ({}, ["blades.c_x[2]=3"], "--set: blades.c_x[2]: the scene has 2 blades, from [0] to [1]"),
         ({}, ["blades.f_z=3"], "has no key `f_z`; did you mean `f_y`?"),
     ],
 )

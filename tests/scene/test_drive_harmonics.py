@@ -7,7 +7,7 @@ import jaxshroud as js
 from jaxshroud.io.scene_numbers import dimension, key_label
 from jaxshroud.scene.checks import SceneError
 from jaxshroud.scene.config import axis, load, parse
-from jaxshroud.scene.drive import order_of_drive
+from jaxshroud.scene.drive_orders import order_of_drive
 from jaxshroud.scene.text import tables_of, text_of, words_of
 from jaxshroud.scene.vary import numbers_of, numbers_that_count, with_numbers
 

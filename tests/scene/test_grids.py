@@ -55,7 +55,7 @@ def test_the_base_is_a_file_or_a_scene():
     [
         ({"contact.gama": [1.0]}, KeyNameError, "the scene has no number `contact.gama`; did you mean `contact.gamma`"),
         ({"shroud.gap[0]": [1.0]}, KeyNameError, "shroud.gap is one number, not one per blade; drop the [0]"),
-        ({"contact.width": [1.0]}, KeyNameError, "The scene's contact is not smooth"),
+        ({"contact.width": [1.0]}, KeyNameError, "the scene has no contact.width: its contact is not smooth"),
         ({"contact.k": [1.0], "contact.gamma": [1.0]}, KeyNameError, "contact.k and contact.gamma are one number"),
         ({"shroud.gap": [1.0, 2.0], "friction.mu": [1.0]}, SceneError, "has shroud.gap: 2, friction.mu: 1"),
         ({}, SceneError, "a table needs columns of one length and at least one row, but has no column"),

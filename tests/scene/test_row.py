@@ -304,12 +304,9 @@ def test_wrong_rows_are_told_in_one_line(case):
     [
         (["shroud.gap[12]=1 um"], "--set: shroud.gap[12]: the scene has 12 interfaces, from [0] to [11]"),
         (["blades.m[12]=1"], "--set: blades.m[12]: the scene has 12 blades, from [0] to [11]"),
-        (["shroud.alpha[3]=1"], "--set: [shroud] alpha is one number, not one per blade; drop the [3]"),
-        (["contact.k[3]=1e5"], "--set: [contact] k[3]: the file does not give `k`; set a list of 12, one for each"),
-        (
-            ["drive.phase[3]=1"],
-            "--set: [drive] phase[3]: the file does not give `phase`; set a list of 12, one for each",
-        ),
+        (["shroud.alpha[3]=1"], "--set: shroud.alpha is one number, not one per blade; drop the [3]"),
+        (["contact.k[3]=1e5"], "--set: the scene is given by contact.gamma; name contact.k for all interfaces, or con"),
+        (["blades.f_x[3]=95"], "--set: the scene does not give blades.f_x; name it for all blades, or blades.k_x[3]"),
         (["row.closed[0]=true"], "--set: [row] closed is not one per blade; drop the [0]"),
         (["row.blades=1"], "--set: [row] blades = 1 must be greater than or equal to 2"),
         (["drive.engine_order=2.5"], "--set: [drive] engine_order = 2.5 must be a whole number"),
