@@ -95,9 +95,9 @@ Tables `[[drive.harmonic]]` drive blade i by `F sin(n (omega t + phi_i) + psi_i)
 a moment alike, where phi is `drive.phase` and psi the phase of the harmonic. They stand for `drive.beta`, `F_0` and
 `M_0`, which are refused beside them. `order` is n, a whole number up to 99, and no two are alike. An `engine_order` may
 stand for it: the greatest common divisor of all is then that of the drive, unless `drive.engine_order` gives a divisor
-of them, and n the multiple. Another `drive.engine_order`, by `--set`, `--along` or `jaxshroud.vary`, gives such harmonics
-other orders, and one that is no divisor is refused; values that give different orders do not run together, as in one
-sweep.
+of them, and n the multiple. Another `drive.engine_order`, by `--set`, `--along` or `jaxshroud.vary`, gives such
+harmonics other orders, and one that is no divisor is refused; values that give different orders do not run together, as
+in one sweep.
 
 ```toml
 [drive]

@@ -17,7 +17,7 @@ SAME_SET_RATIO, OTHER_SET_RATIO = 2.0, 4.0
 # smallest distance of different motions, over their size, and over their drift in a period
 MIN_DISTANCE, DRIFT_MULTIPLE = 0.01, 10.0
 # smallest distance of a step that may be a jump, also over the median of so many neighbouring steps
-MIN_STEP, STEP_RATIO, NEIGHBOURING_STEPS = 0.05, 5.0, 4
+LEAST_STEEP, STEP_RATIO, NEIGHBOURING_STEPS = 0.05, 5.0, 4
 
 
 def set_distance(a: FloatArray, b: FloatArray) -> float:
@@ -121,7 +121,7 @@ def steep_steps(lanes: list[SweptMotion]) -> np.ndarray:
             steps[max(i - NEIGHBOURING_STEPS, 0) : i + NEIGHBOURING_STEPS + 1], min(i, NEIGHBOURING_STEPS)
         )
         usual_step = np.nanmedian(neighbours) if np.isfinite(neighbours).any() else 0.0
-        steep[i] = step > max(MIN_STEP, STEP_RATIO * usual_step)
+        steep[i] = step > max(LEAST_STEEP, STEP_RATIO * usual_step)
     return steep
 
 

@@ -13,9 +13,9 @@ import numpy as np
 from jaxshroud.batch.runs import SweepHandover
 from jaxshroud.results.sweep import DIRECTION, SweepResult, lane_motions, motion_sizes
 from jaxshroud.scene.layout import SINGLE_DIRECTIONS
-from jaxshroud.signals.orbit_distance import MIN_STEP, SweptMotion, are_one_motion, motions_differ, step_distance
+from jaxshroud.signals.orbit_distance import LEAST_STEEP, SweptMotion, are_one_motion, motions_differ, step_distance
 
-HALVINGS = 5
+MOST_HALVINGS = 5
 # Of the change over the whole step that is left in its last part: the root of a flip leaves 0.18, a straight line 0.03.
 JUMP_SHARE = 0.25
 MOST_RUNS = 4  # of the sweep's own length, after which a lane beside a fold counts as it is
@@ -89,15 +89,15 @@ def with_jumps(
 
 def _jumps(start: SweptLane, stop: SweptLane, motion_at: MotionAt) -> bool:
     """Whether the motion jumps between two neighbouring lanes."""
-    whole = left = _distance(start, stop)
-    if whole <= MIN_STEP:
+    whole = left = _motion_distance(start, stop)
+    if whole <= LEAST_STEEP:
         return False
-    for _ in range(HALVINGS):
+    for _ in range(MOST_HALVINGS):
         if not left > JUMP_SHARE * whole:
             return False
         middle = lane_from(start, (start.value + stop.value) / 2, motion_at).settled(motion_at)
-        before = _distance(start, middle)
-        left = max(before, _distance(middle, stop))
+        before = _motion_distance(start, middle)
+        left = max(before, _motion_distance(middle, stop))
         if left == before:
             stop = middle
         else:
@@ -105,7 +105,7 @@ def _jumps(start: SweptLane, stop: SweptLane, motion_at: MotionAt) -> bool:
     return left > JUMP_SHARE * whole
 
 
-def _distance(a: SweptLane, b: SweptLane) -> float:
+def _motion_distance(a: SweptLane, b: SweptLane) -> float:
     """The distance of two motions; 0 of aperiodic ones that are not known to differ, NaN where one has stopped."""
     if not (a.motion.number or b.motion.number or motions_differ(a.motion, b.motion)):
         return 0.0
