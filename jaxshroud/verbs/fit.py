@@ -3,11 +3,12 @@
 A model says what the scene would have shown, at points of the unit cube of its fitted numbers.
 """
 
+import copy
 import json
 import math
 import os
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.plan import Progress
 from jaxshroud.batch.states import initial_states
-from jaxshroud.fitting.identifiability import Findings, ProfiledNumber, better_place, findings, profiles
+from jaxshroud.fitting.identifiability import MARCH_ERROR, Findings, ProfiledNumber, better_place, findings, profiles
 from jaxshroud.fitting.least_squares import MOST_EVALUATIONS, Estimate, Misfit, estimate
 from jaxshroud.fitting.measured import (
     Predicted,
@@ -25,7 +26,14 @@ from jaxshroud.fitting.measured import (
     steps_between_samples,
     weighted_data,
 )
-from jaxshroud.fitting.searches import MOST_SEARCHES, MOST_STEPS, descended, estimate_of_history, evaluations_of_search
+from jaxshroud.fitting.searches import (
+    MOST_SEARCHES,
+    MOST_STEPS,
+    descended,
+    estimate_of_history,
+    evaluations_of_search,
+    remarched,
+)
 from jaxshroud.io.measurements import measurements_from, read_measurements
 from jaxshroud.io.variable import jax_lane_arrays
 from jaxshroud.march.method import Choices
@@ -51,6 +59,7 @@ FEWEST_POINTS = 8  # of a search
 USUAL_SEARCHES = 2
 MOST_BETTER = 3  # times that a profile shows a better place, from which the fit goes on
 NODE_EVALUATIONS = 60  # about so many for the profile of a number
+QUARTERS = 4  # steps of a finer march for one
 
 
 @typed
@@ -126,8 +135,8 @@ def fit(
     resolved = resolve_options(scene, method=method)
     march = with_tangents(resolved, fit_corners(problem))
     model = model_of(problem, data, march, most_periods)
-    found, profiled = _estimated(problem, data, model, (scan, starts, seed), progress)
-    told = findings(found, tuple(over), profiled, problem.values, data.kind == "history")
+    found, profiled, model, march_error = _estimated(problem, data, model, (scan, starts, seed), progress)
+    told = findings(found, tuple(over), profiled, problem.values, data.kind == "history", march_error)
     attrs, _ = resolved.provenance(resolved.transient, march.steps)
     settings = {**march._replace(steps=model.steps, choice=None).attributes, "seed": seed, "data_kind": data.kind}
     return _result(problem, data, model, found, profiled, told, settings, attrs)
@@ -137,9 +146,21 @@ class HistoryModel:
     """The model of a time history: the march from the scene's initial motion."""
 
     def __init__(self, problem: Problem, data: Measurements, steps: int, method: Choices, shortest_period: float):
-        self.problem, self.data, self.steps = problem, data, steps
+        self.problem, self.data = problem, data
         self.method = as_differentiable(method)
         self.schedule = history_schedule(float(data.at[-1]), shortest_period, steps, self.method)
+
+    @property
+    def steps(self) -> int:
+        """The steps of the march in a period."""
+        return self.schedule.steps
+
+    def refined(self) -> "HistoryModel":
+        """The same with steps of a quarter, and as many samples."""
+        finer = copy.copy(self)
+        every, steps = (QUARTERS * count for count in (self.schedule.every, self.schedule.steps))
+        finer.schedule = self.schedule._replace(every=every, steps=steps)
+        return finer
 
     def __call__(self, points: np.ndarray, rows: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Displacements at the measured times (points, n, channels), and slopes in the unit cube (..., keys).
@@ -205,27 +226,62 @@ class ResponseModel:
 FitModel = HistoryModel | ResponseModel
 
 
+class Estimated(NamedTuple):
+    """The best fit, with the profiles of its numbers."""
+
+    found: Estimate
+    profiled: list[ProfiledNumber]
+    model: FitModel  # by whose march it was found in the end
+    march_error: float = 0.0  # how far the march's error moves a number, over the half width of its interval
+
+
 def _estimated(
     problem: Problem, data: Measurements, model: FitModel, search: tuple[int, int, int], progress: Progress | None
-) -> tuple[Estimate, list[ProfiledNumber]]:
+) -> Estimated:
     """The best fit, with the profiles of its numbers."""
-    (scan, starts, seed), keys, weighted = search, len(problem.over), weighted_data(data)
-    nodes = NODE_EVALUATIONS * keys
-    if data.kind == "response":
+    (scan, starts, seed), weighted = search, weighted_data(data)
+    nodes = NODE_EVALUATIONS * len(problem.over)
+    if isinstance(model, ResponseModel):
         points = first_points(problem, scan, seed)
         counted = _Counted(model, len(points) + starts * MOST_EVALUATIONS + nodes, progress)
         found = estimate(Misfit(counted, weighted, counted.skip), points, min(starts, len(points)))
-    else:
-        count = max(scan // USUAL_SEARCHES, FEWEST_POINTS)
-        draws = [first_points(problem, count, seed, n) for n in range(MOST_SEARCHES)]
-        most = USUAL_SEARCHES * (evaluations_of_search(count) + 2 * starts * MOST_STEPS) + nodes
-        counted = _Counted(model, most, progress)
-        rng = np.random.default_rng(seed)
-        found = estimate_of_history(Misfit(counted, weighted, counted.skip), data.at, draws, starts, rng)
+        return Estimated(found, profiles(found), model)
+    count = max(scan // USUAL_SEARCHES, FEWEST_POINTS)
+    draws = [first_points(problem, count, seed, n) for n in range(MOST_SEARCHES)]
+    most = USUAL_SEARCHES * (evaluations_of_search(count) + 2 * starts * MOST_STEPS) + nodes
+    counted = _Counted(model, most, progress)
+    misfit, rng = Misfit(counted, weighted, counted.skip), np.random.default_rng(seed)
+    found = estimate_of_history(misfit, data.at, draws, starts, rng, lambda found: _errs(found, model))
+    return refined_fit(found, counted, model)
+
+
+def refined_fit(found: Estimate, counted: "_Counted", model: HistoryModel) -> Estimated:
+    """The fit to a history with its profiles, by a march whose own error is small beside the intervals if a finer is.
+
+    The search makes do with the march that is asked; where it errs, the minima that it found are those of another.
+    """
+    if _errs(found, model):
+        counted.model = model = model.refined()
+        found = remarched(found, model.data.at)
+    found, profiled = _profiled(found)
+    return Estimated(found, profiled, model, _march_error(found, model))
+
+
+def _errs(found: Estimate, model: HistoryModel) -> bool:
+    return _march_error(found, model) > MARCH_ERROR
+
+
+def _march_error(found: Estimate, model: HistoryModel) -> float:
+    """How far the error of the march moves a number, over the half width of its interval, by a finer march."""
+    return found.moved_by(Misfit(model.refined(), found.misfit.data).at(found.u))
+
+
+def _profiled(found: Estimate) -> tuple[Estimate, list[ProfiledNumber]]:
+    """The fit to a history, from which its profiles show no better place, and these."""
     profiled = profiles(found)
     for _ in range(MOST_BETTER):
         better = better_place(found, profiled)
-        if better is None or data.kind == "response":
+        if better is None:
             break
         found = descended(found.misfit, found, better)
         profiled = profiles(found)
@@ -279,6 +335,7 @@ class _Counted:
         self.model, self.done, self.most, self.progress = model, 0, most, progress
 
     def __call__(self, points: np.ndarray, rows: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """What the model says."""
         predicted = self.model(points, rows)
         self.skip(len(points))
         return predicted
