@@ -202,7 +202,7 @@ def findings(
     is_history: bool,
     march_error: float = 0.0,
 ) -> Findings:
-    """What the data determine. Of a time history doubts of the fit as a whole take back all intervals.
+    """What the data determine. A fit that the noise contradicts has no interval, nor a history's that is in doubt.
 
     Args:
         found: The fit.
@@ -213,7 +213,8 @@ def findings(
         march_error: How far the error of the march moves a number, over the half width of its interval.
     """
     ends = [number.interval for number in profiled]
-    doubts = [*_silence(found), *_doubts_of_residuals(found, is_history), *_doubts_of_search(found)]
+    contradiction = _contradiction(found, is_history)
+    doubts = [*contradiction, *_silence(found), *_doubts_of_residuals(found, is_history), *_doubts_of_search(found)]
     doubts += _doubts_of_march(march_error)
     reasons = [_undetermined(found, i, keys[i], ends[i], values) for i in range(len(keys))]
     if is_history:
@@ -225,7 +226,8 @@ def findings(
     notes += _growing(found) if is_history else []
     elsewhere = [is_history and any(_is_outside(end, m.u[i]) for m in alike) for i, end in enumerate(ends)]
     lost = [bool(reason) or other for reason, other in zip(reasons, elsewhere, strict=True)]
-    return Findings([not (one or (is_history and doubts)) for one in lost], notes)
+    nothing = contradiction or (is_history and doubts)
+    return Findings([not (one or nothing) for one in lost], notes)
 
 
 def _undetermined(found: Estimate, i: int, key: str, interval: NumberInterval, values: NumbersAt) -> str:
@@ -308,14 +310,19 @@ def _silence(found: Estimate) -> list[str]:
     ]
 
 
+def _contradiction(found: Estimate, is_history: bool) -> list[str]:
+    """Why the residuals are larger than the noise that is known, or that neighbours of a history have."""
+    known = found.misfit.data.sigma_is_known
+    if not ((known or is_history) and is_contradicted(found.chi2, found.freedom)):
+        return []
+    factor, of = math.sqrt(found.chi2 / found.freedom), "is stated" if known else "neighbours have"
+    return [f"the residuals are {factor:.3g} times the noise that {of}: no number is claimed"]
+
+
 def _doubts_of_residuals(found: Estimate, is_history: bool) -> list[str]:
-    """Why the residuals are no white noise of the size that is known, or that neighbours have."""
-    said, data = [], found.misfit.data
-    is_tested = data.sigma_is_known or is_history
-    if is_tested and is_contradicted(found.chi2, found.freedom):
-        factor, of = math.sqrt(found.chi2 / found.freedom), "is stated" if data.sigma_is_known else "neighbours have"
-        said.append(f"the residuals are {factor:.3g} times the noise that {of}: intervals are too narrow")
-    residuals = found.residuals.reshape(data.values.shape)
+    """Why the residuals are no white noise."""
+    said = []
+    residuals = found.residuals.reshape(found.misfit.data.values.shape)
     correlation = lag_correlation(residuals)
     if correlation > random_limit(residuals.size):
         said.append(

@@ -30,7 +30,8 @@ from jaxshroud.fitting.searches import remarched
 from jaxshroud.io.measurements import measurements_from
 from jaxshroud.verbs import fit as verb
 from jaxshroud.verbs.arguments import resolve_options
-from jaxshroud.verbs.fit import fit_corners, fit_problem, model_of
+from jaxshroud.verbs.fit import fit_problem
+from jaxshroud.verbs.fit_models import fit_corners, model_of
 from jaxshroud.verbs.lanes import with_tangents
 
 HISTORIES, SEEDS, DRAWN = 40, 1, (101, 102, 103)
