@@ -55,6 +55,12 @@ class Schedule(NamedTuple):
     most_trials: int | None = None  # of a lane; None: no bound
     skipped: int = 0  # samples before the first kept one
 
+    def share(self, dtype: Any) -> Any:
+        """The share of a period from sample to sample; `every` and `steps` are numbers, or traced integers."""
+        if is_traced((self.every, self.steps)):
+            return jnp.asarray(self.every, dtype) / jnp.asarray(self.steps, dtype)
+        return self.every / self.steps
+
 
 class _LaneMapping(NamedTuple):
     """How functions of one lane are applied to lanes: without tangents, or with them."""
@@ -84,7 +90,7 @@ def sampled_flow(
         scenes: Scenes with a leading lane axis, or a `Dual` of these.
         states: Their initial states, likewise.
         schedule: How far they are run.
-        wanted: The samples that are wanted, from which on lanes rest; None: all.
+        wanted: The samples that are wanted, after which the march ends; None: all.
 
     Returns:
         A `Flow`, or a `Dual` of one, with axes (lane, sample): the states, the mean square displacements since the
@@ -97,18 +103,31 @@ def sampled_flow(
     fixed = mapping.constants(models, periods, steps, schedule.method.flat_return)
 
     def one(carry, i):
-        every = schedule.every if wanted is None else jnp.where(i < wanted, jnp.int32(schedule.every), 0)
-        lanes, trials = _next_sample(carry[0], carry[1], fixed, schedule, mapping, every)
+        lanes, trials = _next_sample(carry[0], carry[1], fixed, schedule, mapping, schedule.every)
         lanes, flow = mapping.unzip(
             mapping.over(vmapped)(partial(_sample_lane, schedule=schedule), lanes, models, periods)
         )
         return (lanes, trials), flow
 
     next_kept = skip_samples(one, schedule.skipped)
-    (_, trials), flows = lax.scan(
-        next_kept, (lanes, jnp.zeros_like(steps)), jnp.arange(schedule.samples, dtype=jnp.int32)
-    )
+    start = lanes, jnp.zeros_like(steps)
+    if wanted is None:
+        (_, trials), flows = lax.scan(next_kept, start, jnp.arange(schedule.samples, dtype=jnp.int32))
+    else:
+        (_, trials), flows = _first_of_scan(next_kept, start, schedule.samples, wanted)
     return jax.tree.map(lambda a: jnp.moveaxis(a, 0, 1), flows), trials
+
+
+def _first_of_scan(one: Callable, start: Tree, samples: int, wanted: Int[Array, ""]) -> tuple[Tree, Tree]:
+    """The first `wanted` of a `lax.scan` over so many samples, with zeros for the others."""
+    shapes = jax.eval_shape(one, start, jnp.int32(0))[1]
+    empty = jax.tree.map(lambda a: jnp.zeros((samples, *a.shape), a.dtype), shapes)
+
+    def next_one(i, pair):
+        carry, flow = one(pair[0], i)
+        return carry, jax.tree.map(lambda all, a: lax.dynamic_update_index_in_dim(all, a, i, 0), pair[1], flow)
+
+    return lax.fori_loop(0, wanted, next_one, (start, empty))
 
 
 def skip_samples(one: Callable, skipped: int) -> Callable:
@@ -148,7 +167,7 @@ def _next_sample(
 
 def _sample_lane(lane: Lane, model: Model, period: Scalar, schedule: Schedule) -> tuple[Lane, Flow]:
     """The lane as it continues after a sample, and the sample."""
-    time = period * (schedule.every / schedule.steps)
+    time = period * schedule.share(period.dtype)
     flow = end_flow(lane, model, time)._replace(means=mean_over(time, lane.accumulator.integrals.means))
 
     def places(lane):
@@ -191,16 +210,19 @@ def _run_samples(scenes: Any, states: Any, schedule: Schedule) -> tuple[Any, Int
 def samples_with_tangents(scenes: Dual, states: Dual, schedule: Schedule, wanted: int) -> Dual:
     """The samples of lanes, a `Flow` with axes (lane, sample), with the tangent of each lane along its direction.
 
-    Only the `wanted` first ones mean anything; one compiled program serves any number of them.
+    Only the `wanted` first ones mean anything; one compiled program serves any number of them, and of steps.
     """
     large = stepper_for(schedule.method).large_kernels and accepts_options(series=True)
-    return (_run_large_part if large else _run_plain_part)(scenes, states, jnp.int32(wanted), schedule)[0]
+    counts = jnp.asarray([wanted, schedule.every, schedule.steps], jnp.int32)
+    run = _run_large_part if large else _run_plain_part
+    return run(scenes, states, counts, schedule._replace(every=1, steps=1))[0]
 
 
 def _run_part(
-    scenes: Dual, states: Dual, wanted: Int[Array, ""], schedule: Schedule
+    scenes: Dual, states: Dual, counts: Int[Array, " 3"], schedule: Schedule
 ) -> tuple[Any, Int[Array, " lanes"]]:
-    return sampled_flow(scenes, states, schedule, wanted)
+    wanted, every, steps = counts
+    return sampled_flow(scenes, states, schedule._replace(every=every, steps=steps), wanted)
 
 
 def trial_counts(scenes: Scene, states: State, schedule: Schedule) -> Int[Array, " lanes"]:

@@ -37,7 +37,8 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.signals.amplitudes import check_resonance, check_vibration, counted_reduction
 from jaxshroud.signals.effects import Effect, with_interval
 from jaxshroud.verbs.design_problem import design_corners, problem_of
-from jaxshroud.verbs.fit import fit_corners, fit_problem
+from jaxshroud.verbs.fit import fit_problem
+from jaxshroud.verbs.fit_models import fit_corners
 from jaxshroud.verbs.gradient import differences
 from jaxshroud.verbs.scattering import scatter_bounds
 

@@ -10,10 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxshroud.fitting.least_squares import Estimate, Minimum, Points, descend_together
+from jaxshroud.fitting.noise import halves_differ, is_contradicted, lag_correlation, random_limit
 from jaxshroud.fitting.searches import APART_PLACES
 
 WIDE_INTERVAL = 0.1  # half width of an interval, over the range of its number, from which it is found by profile
 CONFOUNDED = 0.99  # correlation from which two numbers cannot be told from one another
+CURVED = 0.05  # departure of a profile's ends from the linear interval, over its half width, from which they count
 NONLINEAR = 0.3  # departure of a profile's ends from the linear interval, over its half width, that is told
 AT_BOUND = 1e-3  # distance from a bound, over the range, at which a number ends at it
 WIDEST_STEP = 0.25  # from node to node, over the range
@@ -112,19 +114,24 @@ class ProfiledNumber(NamedTuple):
         return self.value - self.half, self.value + self.half
 
     @property
-    def is_bent(self) -> bool:
-        """Whether an end of the profile departs from the linear interval, where that is within the bounds."""
+    def departure(self) -> float:
+        """How far an end of the profile is from that of the linear interval within the bounds, over its half width."""
         low, high = self.linear
         away = [abs(self.low.end[0] - max(low, 0.0)), abs(self.high.end[0] - min(high, 1.0))]
-        return float(max(away)) > NONLINEAR * self.half
+        return float(max(away)) / self.half
+
+    @property
+    def is_bent(self) -> bool:
+        """Whether the profile departs so far from the linear interval that it is told."""
+        return self.departure > NONLINEAR
 
     @property
     def interval(self) -> NumberInterval:
         """The 95 % interval: of the linear model, or by profile where that is wide, confounded or not linear."""
         (first, first_open), (last, last_open) = self.low.end, self.high.end
         at_bound = not AT_BOUND < self.value < 1 - AT_BOUND
-        is_wide = self.half > WIDE_INTERVAL
-        if is_wide or self.confounded or at_bound or first_open or last_open or self.is_bent:
+        is_wide, is_curved = self.half > WIDE_INTERVAL, self.departure > CURVED
+        if is_wide or self.confounded or at_bound or first_open or last_open or is_curved:
             return NumberInterval(first, last, "profile", (first_open, last_open))
         return NumberInterval(*self.linear, "jacobian")
 
@@ -174,9 +181,7 @@ SENSITIVITY_GROWTH = (
     1e3  # of derivatives from the first half of a history to the second, from which its end is in doubt
 )
 BENT = "the model is not linear within the intervals, which are found by profile"
-ILL_FIT = 4.0  # standard deviations of chi^2 above its expectation
-BY_NEIGHBOURS = 1.8  # how much larger these are where the noise is that of neighbouring residuals
-CONTRAST = 1e-4  # probability with which the halves of white noise differ as much
+MARCH_ERROR = 0.1  # of the march in a number, over the half width of its interval, from which it counts
 NARROWEST_PROFILE, WIDEST_PROFILE = 0.4, 2.5  # widths of an interval by profile over that of the linear one
 
 NumbersAt = Callable[[np.ndarray], np.ndarray]  # places (n, keys) in the unit cube -> numbers in SI units
@@ -195,8 +200,9 @@ def findings(
     profiled: Sequence[ProfiledNumber],
     values: NumbersAt,
     is_history: bool,
+    march_error: float = 0.0,
 ) -> Findings:
-    """What the data determine. Of a time history doubts of the fit as a whole take back all intervals.
+    """What the data determine. A fit that the noise contradicts has no interval, nor a history's that is in doubt.
 
     Args:
         found: The fit.
@@ -204,9 +210,12 @@ def findings(
         profiled: Their profiles.
         values: The numbers of a place.
         is_history: Whether the data are a time history.
+        march_error: How far the error of the march moves a number, over the half width of its interval.
     """
     ends = [number.interval for number in profiled]
-    doubts = [*_silence(found), *_doubts_of_residuals(found, is_history), *_doubts_of_search(found)]
+    contradiction = _contradiction(found, is_history)
+    doubts = [*contradiction, *_silence(found), *_doubts_of_residuals(found, is_history), *_doubts_of_search(found)]
+    doubts += _doubts_of_march(march_error)
     reasons = [_undetermined(found, i, keys[i], ends[i], values) for i in range(len(keys))]
     if is_history:
         rough = [_roughness(found, i, keys[i], ends[i], values) for i in range(len(keys))]
@@ -217,7 +226,8 @@ def findings(
     notes += _growing(found) if is_history else []
     elsewhere = [is_history and any(_is_outside(end, m.u[i]) for m in alike) for i, end in enumerate(ends)]
     lost = [bool(reason) or other for reason, other in zip(reasons, elsewhere, strict=True)]
-    return Findings([not (one or (is_history and doubts)) for one in lost], notes)
+    nothing = contradiction or (is_history and doubts)
+    return Findings([not (one or nothing) for one in lost], notes)
 
 
 def _undetermined(found: Estimate, i: int, key: str, interval: NumberInterval, values: NumbersAt) -> str:
@@ -285,6 +295,12 @@ def _doubts_of_search(found: Estimate) -> list[str]:
     return [f"{found.searches} searches end in different places: there may be a better fit; give more points to scan"]
 
 
+def _doubts_of_march(error: float) -> list[str]:
+    if error <= MARCH_ERROR:
+        return []
+    return [f"the march's own error moves numbers by {error:.2g} of their intervals: ask for a finer method"]
+
+
 def _silence(found: Estimate) -> list[str]:
     silent = int(np.sum(~found.known))
     if not silent:
@@ -294,34 +310,28 @@ def _silence(found: Estimate) -> list[str]:
     ]
 
 
+def _contradiction(found: Estimate, is_history: bool) -> list[str]:
+    """Why the residuals are larger than the noise that is known, or that neighbours of a history have."""
+    known = found.misfit.data.sigma_is_known
+    if not ((known or is_history) and is_contradicted(found.chi2, found.freedom)):
+        return []
+    factor, of = math.sqrt(found.chi2 / found.freedom), "is stated" if known else "neighbours have"
+    return [f"the residuals are {factor:.3g} times the noise that {of}: no number is claimed"]
+
+
 def _doubts_of_residuals(found: Estimate, is_history: bool) -> list[str]:
-    """Why the residuals are no white noise of the size that is known, or that neighbours have."""
-    said, data = [], found.misfit.data
-    is_tested = data.sigma_is_known or is_history
-    spread = math.sqrt(2 / found.freedom) * (1.0 if data.sigma_is_known else BY_NEIGHBOURS)
-    if is_tested and found.chi2 / found.freedom - 1 > ILL_FIT * spread:
-        factor, of = math.sqrt(found.chi2 / found.freedom), "is stated" if data.sigma_is_known else "neighbours have"
-        said.append(f"the residuals are {factor:.3g} times the noise that {of}: intervals are too narrow")
-    residuals = found.residuals.reshape(data.values.shape)
+    """Why the residuals are no white noise."""
+    said = []
+    residuals = found.residuals.reshape(found.misfit.data.values.shape)
     correlation = lag_correlation(residuals)
     if correlation > random_limit(residuals.size):
         said.append(
             f"neighbouring residuals are alike (correlation {correlation:.2f}): model and data differ by more than "
             "noise, and intervals are too narrow"
         )
-    if is_history and _halves_differ(residuals):
+    if is_history and halves_differ(residuals):
         said.append("the residuals of one half of the record are larger than those of the other: they are no noise")
     return said
-
-
-def _halves_differ(residuals: np.ndarray) -> bool:
-    """Whether the residuals (n, channels) of one half are larger by more than noise is, by the F test."""
-    from scipy.stats import f
-
-    first, second = (part.ravel() for part in np.array_split(residuals, 2))
-    squares = [float(np.mean(part**2)) for part in (first, second)]
-    limit = float(f(first.size, second.size).isf(CONTRAST / 2))
-    return min(squares) > 0 and max(squares) / min(squares) > limit
 
 
 def _growing(found: Estimate) -> list[str]:
@@ -330,14 +340,3 @@ def _growing(found: Estimate) -> list[str]:
     if second <= SENSITIVITY_GROWTH * first:
         return []
     return [f"derivatives grow {second / max(first, 1e-300):.1e}-fold along the record, as in chaos: use less of it"]
-
-
-def lag_correlation(residuals: np.ndarray) -> float:
-    """The correlation of each residual with the next of its channel, (n, c); 0 of white noise."""
-    power = float(np.sum(residuals**2))
-    return float(np.sum(residuals[1:] * residuals[:-1])) / power if power > 0 else 0.0
-
-
-def random_limit(count: int) -> float:
-    """The correlation of neighbours that white noise exceeds once in some hundred times."""
-    return 2.6 / math.sqrt(count)

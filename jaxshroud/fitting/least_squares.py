@@ -91,25 +91,15 @@ class Misfit:
     def with_sigma(self, sigma: np.ndarray) -> "Misfit":
         """The same with another noise of each channel (channels,)."""
         sigma = np.broadcast_to(sigma, self.data.values.shape)
-        changed = Misfit(self.predict, self.data._replace(sigma=sigma), self.skip)
-        changed.evaluations = self.evaluations
+        changed = self.anew()
+        changed.data = self.data._replace(sigma=sigma)
         return changed
 
-
-def noise_of_neighbours(residuals: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """The noise of each channel (channels,) by how far residuals depart from the line through both neighbours.
-
-    What the model misses is smooth from sample to sample, and hardly counts: this is the noise of the data even where
-    the fit is bad.
-
-    Args:
-        residuals: Of the channels, (n, channels), n > 2.
-        at: Where they were measured, growing, (n,).
-    """
-    before, after = np.diff(at)[:-1, None], np.diff(at)[1:, None]
-    share = after / (before + after)  # of the sample before
-    away = residuals[1:-1] - share * residuals[:-2] - (1 - share) * residuals[2:]
-    return np.sqrt(np.mean(away**2 / (1 + share**2 + (1 - share) ** 2), axis=0))
+    def anew(self) -> "Misfit":
+        """The same of a model that has changed."""
+        changed = Misfit(self.predict, self.data, self.skip)
+        changed.evaluations = self.evaluations
+        return changed
 
 
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-7, 1e6  # over the squares of the slopes
@@ -278,6 +268,12 @@ class Estimate(NamedTuple):
     def half_widths(self) -> np.ndarray:
         """Those of the intervals of the fit made linear (keys,)."""
         return self.quantile * np.sqrt(np.diag(self.covariance))
+
+    def moved_by(self, others: Residuals) -> float:
+        """How far other residuals at the fit move a number, at most, over the half width of its interval."""
+        change = np.where(others.known, others.values - self.residuals, np.inf)
+        shift = self.covariance / self.variance @ (self.jacobian.T @ change)
+        return float(np.max(np.abs(shift) / self.half_widths))
 
     @property
     def influence(self) -> np.ndarray:

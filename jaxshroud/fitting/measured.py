@@ -9,7 +9,7 @@ An orbit starts where the map of its periods returns to; by the implicit functio
 import math
 from collections import defaultdict
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -65,18 +65,12 @@ def predicted_history(
     """
     duals = along_each(scenes, keys)
     shortest = math.tau / float(np.max(duals.value.drive.omega))
-    wanted = min(history_samples(float(data.at[rows - 1]), shortest, schedule.steps), schedule.samples)
+    wanted = min(history_samples(float(data.at[rows - 1]), shortest, schedule), schedule.samples)
     motions = motions_with_tangents(duals, start_duals(duals), schedule, wanted)
-    sampled = [_with_rest(a, schedule.samples) for a in motions[:4]]
-    omega = duals.value.drive.omega, duals.tangent.drive.omega
-    values, slopes = _at_times(sampled, *omega, data.at.astype(motions.place.dtype), float(schedule.steps))
-    return _predicted(np.asarray(values), np.asarray(slopes), data, len(keys))
-
-
-def _with_rest(samples: np.ndarray, count: int) -> np.ndarray:
-    """Samples (lanes, 1 + wanted, ...) with NaN for the rest of so many, so that one program serves any part."""
-    rest = np.full((len(samples), 1 + count - samples.shape[1], *samples.shape[2:]), np.nan, samples.dtype)
-    return np.concatenate([samples, rest], axis=1)
+    values, slopes = np.full((2, len(motions.place), len(data.at), motions.place.shape[-1]), np.nan)
+    omega, omega_by = (np.asarray(part.drive.omega) for part in (duals.value, duals.tangent))
+    values[:, :rows], slopes[:, :rows] = _at_times(motions, omega, omega_by, data.at[:rows], schedule)
+    return _predicted(values, slopes, data, len(keys))
 
 
 def _predicted(values: np.ndarray, slopes: np.ndarray, data: Measurements, keys: int) -> Predicted:
@@ -89,27 +83,33 @@ def _predicted(values: np.ndarray, slopes: np.ndarray, data: Measurements, keys:
     return Predicted(by_point(values)[:, 0], np.moveaxis(by_point(slopes), 1, -1))
 
 
-@kept()
-def _at_times(sampled: list[Any], omega, omega_by, t, per_period):
+def _at_times(
+    motions: SampledMotions, omega: np.ndarray, omega_by: np.ndarray, t: np.ndarray, schedule: Schedule
+) -> tuple[np.ndarray, np.ndarray]:
     """The displacements of lanes at times (n,), and their derivatives: (lanes, n, 6) each."""
+    per_period = schedule.steps / schedule.every
+    turns = t * omega[:, None] / math.tau * per_period
+    before = np.clip(np.floor(turns), 0, motions.place.shape[1] - 2).astype(int)
+    h = (math.tau / omega / per_period)[:, None, None]
+    h_by = -h * (omega_by / omega)[:, None, None]
+    share = (turns - before)[..., None]
+    share_by = (turns * (omega_by / omega)[:, None])[..., None]
 
-    def one_lane(place, rate, omega):
-        turns = t * omega / math.tau * per_period
-        before = jnp.clip(jnp.floor(turns), 0.0, len(place) - 2.0)
-        i = before.astype(jnp.int32)
-        h = math.tau / omega / per_period
-        return _between_samples(place[i], place[i + 1], h * rate[i], h * rate[i + 1], (turns - before)[:, None])
+    def ends(a):
+        return (np.take_along_axis(a, before[..., None] + i, axis=1) for i in (0, 1))
 
-    def with_tangent(place, rate, place_by, rate_by, omega, omega_by):
-        return jax.jvp(one_lane, (place, rate, omega), (place_by, rate_by, omega_by))
-
-    return jax.vmap(with_tangent)(*sampled, omega, omega_by)  # pyright: ignore[reportCallIssue]
+    (q_0, q_1), (v_0, v_1) = ends(motions.place), ends(motions.rate)
+    (q_0_by, q_1_by), (v_0_by, v_1_by) = ends(motions.place_by), ends(motions.rate_by)
+    values, by_share = _between_samples(q_0, q_1, h * v_0, h * v_1, share)
+    slopes, _ = _between_samples(q_0_by, q_1_by, h * v_0_by + h_by * v_0, h * v_1_by + h_by * v_1, share)
+    return values, slopes + by_share * share_by
 
 
 def _between_samples(q_0, q_1, m_0, m_1, s):
-    """The cubic with values `q` and slopes `m` at its ends, at the share `s` of the interval."""
+    """The cubic with values `q` and slopes `m` at its ends, at the share `s` of the interval, and its derivative."""
     rise = q_1 - q_0
-    return q_0 + s * (m_0 + s * (3 * rise - 2 * m_0 - m_1 + s * (m_0 + m_1 - 2 * rise)))
+    second, third = 3 * rise - 2 * m_0 - m_1, m_0 + m_1 - 2 * rise
+    return q_0 + s * (m_0 + s * (second + s * third)), m_0 + s * (2 * second + 3 * s * third)
 
 
 def steps_between_samples(omega_max: float, period: float, march_steps: int, kind: Kind) -> int:
@@ -118,13 +118,17 @@ def steps_between_samples(omega_max: float, period: float, march_steps: int, kin
 
 
 def history_schedule(last: float, shortest_period: float, steps: int, method: Choices) -> Schedule:
-    """The schedule that reaches a time in every scene, whose drive periods are not shorter than the shortest."""
-    return Schedule(history_samples(last, shortest_period, steps), 1, steps, method)
+    """The schedule that reaches a time in every scene, whose drive periods are not shorter than the shortest.
+
+    Its samples are a power of two, of which later ones rest, so that records of all lengths share some programs.
+    """
+    exact = Schedule(0, 1, steps, method)
+    return exact._replace(samples=1 << (history_samples(last, shortest_period, exact) - 1).bit_length())
 
 
-def history_samples(last: float, shortest_period: float, steps: int) -> int:
-    """The samples, one in each step, that reach a time in every scene."""
-    return math.ceil(last / shortest_period * steps) + 1
+def history_samples(last: float, shortest_period: float, schedule: Schedule) -> int:
+    """The samples of a schedule that reach a time in every scene."""
+    return math.ceil(last / shortest_period * schedule.steps / schedule.every) + 1
 
 
 def orbit_amplitudes_by(

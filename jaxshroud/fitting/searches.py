@@ -1,4 +1,4 @@
-"""The best fit to a time history: independent searches along the record, until two of them end alike.
+"""The best fit to a time history: independent searches along the record, until two end alike, as noise allows.
 
 Valleys of a fit to a time history, found by a record that is lengthened from its beginning.
 
@@ -8,7 +8,8 @@ the best of them stay, the others are drawn anew within what the data have left 
 is a third longer.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -21,8 +22,8 @@ from jaxshroud.fitting.least_squares import (
     check_says_something,
     descend_together,
     estimate_at,
-    noise_of_neighbours,
 )
+from jaxshroud.fitting.noise import is_contradicted, noise_of_neighbours
 
 PARTS = 8  # of the record, each longer than the one before it by the same factor
 SHORTEST_PART = 1 / 12  # of the record
@@ -35,16 +36,17 @@ PRIOR = 12.0  # inverse square of a standard deviation: that of a number which i
 
 
 def evaluations_of_search(points: int) -> int:
-    """The evaluations of the model in one search, those of points at rest included."""
-    return points * (PARTS + (PARTS - 1) * STEPS + LAST_STEPS)
+    """The evaluations of the model in one search at most, those of points at rest included."""
+    return points * (PARTS * (1 + STEPS) + LAST_STEPS - STEPS)
 
 
 def lengthened(misfit: Misfit, u: np.ndarray, rng: np.random.Generator) -> Points:
     """The points (points, keys) after a search, those with the least chi^2 of the whole record first."""
     *parts, whole = parts_of_record(misfit.samples)
-    for samples in parts:
+    count, shortest = len(u), min([*parts, whole])
+    for samples, longer in zip(parts, [*parts[1:], whole], strict=True):
         points = _descended(misfit, u, samples, STEPS)
-        u = _drawn_anew(points, samples * misfit.channels, rng)
+        u = _drawn_anew(points, samples * misfit.channels, math.ceil(count * math.sqrt(shortest / longer)), rng)
     return _descended(misfit, u, whole, LAST_STEPS)
 
 
@@ -62,10 +64,14 @@ def parts_of_record(samples: int) -> list[int]:
     return np.unique(np.round(np.geomspace(shortest, samples, PARTS)).astype(int)).tolist()
 
 
-def _drawn_anew(points: Points, rows: int, rng: np.random.Generator) -> np.ndarray:
-    """The best of the points, and in place of the others places near these, within what the data have left open."""
-    count, keys = points.u.shape
-    best = points.take(slice(0, max(round(KEPT * count), 1)))
+def _drawn_anew(points: Points, rows: int, count: int, rng: np.random.Generator) -> np.ndarray:
+    """So many points: the best valleys, and others drawn near these, within what the data leave open.
+
+    Of many points in one valley one is kept: else the widest valley of a part crowds out all others, among them that
+    which a longer part shows to be the right one.
+    """
+    keys = points.u.shape[1]
+    best = _distinct(points, rows).take(slice(0, max(round(KEPT * count), 1)))
     noise = max(best.chi2(rows)[0] / max(rows - keys, 1), np.finfo(float).tiny)
     slopes = best.residuals.jacobian[:, :rows]
     known = np.einsum("pik,pil->pkl", slopes, slopes) / noise + PRIOR * np.eye(keys)
@@ -89,9 +95,16 @@ ALIKE_PREDICTIONS = 0.1  # square of their distance, over the noise of one datum
 
 
 def estimate_of_history(
-    misfit: Misfit, at: np.ndarray, draws: Sequence[np.ndarray], candidates: int, rng: np.random.Generator
+    misfit: Misfit,
+    at: np.ndarray,
+    draws: Sequence[np.ndarray],
+    candidates: int,
+    rng: np.random.Generator,
+    may_err: Callable[[Estimate], bool] = lambda _: False,
 ) -> Estimate:
     """The best fit to a time history, with every other minimum at which a search ended.
+
+    Searches end once two of them have found it, unless the noise contradicts it.
 
     Args:
         misfit: Of the whole record.
@@ -99,6 +112,7 @@ def estimate_of_history(
         draws: The points (points, keys) in which each search begins.
         candidates: The distinct ends of a search that are followed to their minima, at most.
         rng: Of the searches.
+        may_err: Whether the error of the model's march may be why the noise contradicts a fit; no search helps there.
 
     Raises:
         NumericalError: The model says nothing of the data at any of the points.
@@ -108,15 +122,31 @@ def estimate_of_history(
         found = lengthened(misfit, points, rng)
         check_says_something(found)
         found = _distinct(found).take(slice(0, candidates))
-        if not misfit.data.sigma_is_known:
-            misfit = misfit.with_sigma(_noise_of(misfit, found, at))
+        misfit = _with_noise(misfit, found, at)
         found = _at_minima(misfit, found.u)
         ends.append(found.u)
         best.append(found.u[0])
-        alike = _count_alike(Points.at(misfit, np.array(best)))
-        if alike > 1:
+        reached = Points.at(misfit, np.array(best))
+        alike = _count_alike(reached)
+        if alike > 1 and not _must_go_on(misfit, reached, may_err):
             break
+    misfit = _with_noise(misfit, _at_minima(misfit, np.concatenate(ends)), at)
     return estimate_at(misfit, _minima(misfit, np.concatenate(ends)), alike, len(best))
+
+
+def _must_go_on(misfit: Misfit, reached: Points, may_err: Callable[[Estimate], bool]) -> bool:
+    """Whether the noise contradicts the best of these points, and the march is not to blame for it."""
+    chi2 = reached.chi2(misfit.size)
+    best = int(np.argmin(chi2))
+    found = estimate_at(misfit, [Minimum(reached.u[best], float(chi2[best]))])
+    return is_contradicted(found.chi2, found.freedom) and not may_err(found)
+
+
+def remarched(found: Estimate, at: np.ndarray) -> Estimate:
+    """The estimate of a record whose model has changed to a finer march, from the minima that are known."""
+    u = np.array([minimum.u for minimum in found.minima])
+    misfit = _with_noise(found.misfit.anew(), _at_minima(found.misfit.anew(), u), at)
+    return estimate_at(misfit, _minima(misfit, u), found.alike, found.searches)
 
 
 def descended(misfit: Misfit, found: Estimate, u: np.ndarray) -> Estimate:
@@ -132,12 +162,17 @@ def _minima(misfit: Misfit, u: np.ndarray) -> list[Minimum]:
     return [Minimum(place, float(chi2)) for place, chi2 in zip(found.u, found.chi2(misfit.size), strict=True)]
 
 
-def _noise_of(misfit: Misfit, ends: Points, at: np.ndarray) -> np.ndarray:
-    """The noise of each channel by the residuals of the best point; of few samples their root mean square."""
+def _with_noise(misfit: Misfit, ends: Points, at: np.ndarray) -> Misfit:
+    """The misfit with the noise of each channel by the residuals of the best point, where the noise is not known.
+
+    It is that of neighbours, of few samples the root mean square.
+    """
     data = misfit.data
+    if data.sigma_is_known:
+        return misfit
     left = ends.residuals.values[0].reshape(data.values.shape) * data.sigma
     noise = noise_of_neighbours(left, at) if len(at) > 2 else np.sqrt(np.mean(left**2, axis=0))
-    return np.maximum(noise, FEWEST_NOISE * np.sqrt(np.mean(data.values**2, axis=0)))
+    return misfit.with_sigma(np.maximum(noise, FEWEST_NOISE * np.sqrt(np.mean(data.values**2, axis=0))))
 
 
 def _at_minima(misfit: Misfit, u: np.ndarray) -> Points:
@@ -148,12 +183,12 @@ def _at_minima(misfit: Misfit, u: np.ndarray) -> Points:
     return _distinct(points.take(np.argsort(points.chi2(misfit.size), kind="stable")))
 
 
-def _distinct(points: Points) -> Points:
-    """The points that differ in place or in what they predict, the first of each kind."""
+def _distinct(points: Points, rows: int | None = None) -> Points:
+    """The points that differ in place or in what they predict of the first residuals, the first of each kind."""
     kept: list[int] = []
     for i in range(len(points.u)):
         near = [j for j in kept if np.max(np.abs(points.u[i] - points.u[j])) < APART_PLACES]
-        if not any(_are_alike(points, j, i) for j in near):
+        if not any(_are_alike(points, j, i, rows) for j in near):
             kept.append(i)
     return points.take(kept)
 
@@ -164,7 +199,7 @@ def _count_alike(points: Points) -> int:
     return sum(_are_alike(points, best, i) for i in range(len(points.u)))
 
 
-def _are_alike(points: Points, i: int, j: int) -> bool:
+def _are_alike(points: Points, i: int, j: int, rows: int | None = None) -> bool:
     """Whether two points predict the same but for a small part of the noise."""
-    one, other = points.residuals.values[i], points.residuals.values[j]
+    one, other = points.residuals.values[i, :rows], points.residuals.values[j, :rows]
     return float(np.sum((one - other) ** 2)) <= ALIKE_PREDICTIONS * float(np.mean(one**2))

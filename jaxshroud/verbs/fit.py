@@ -1,49 +1,38 @@
-"""Numbers of a scene from measurements, by least squares with exact derivatives.
-
-A model says what the scene would have shown, at points of the unit cube of its fitted numbers.
-"""
+"""Numbers of a scene from measurements, by least squares with exact derivatives."""
 
 import json
-import math
 import os
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
-from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.plan import Progress
-from jaxshroud.batch.states import initial_states
-from jaxshroud.fitting.identifiability import Findings, ProfiledNumber, better_place, findings, profiles
+from jaxshroud.fitting.identifiability import MARCH_ERROR, Findings, ProfiledNumber, better_place, findings, profiles
 from jaxshroud.fitting.least_squares import MOST_EVALUATIONS, Estimate, Misfit, estimate
 from jaxshroud.fitting.measured import (
-    Predicted,
-    history_schedule,
-    orbit_amplitudes_by,
-    predicted_history,
-    steps_between_samples,
     weighted_data,
 )
-from jaxshroud.fitting.searches import MOST_SEARCHES, MOST_STEPS, descended, estimate_of_history, evaluations_of_search
+from jaxshroud.fitting.searches import (
+    MOST_SEARCHES,
+    MOST_STEPS,
+    descended,
+    estimate_of_history,
+    evaluations_of_search,
+    remarched,
+)
 from jaxshroud.io.measurements import measurements_from, read_measurements
-from jaxshroud.io.variable import jax_lane_arrays
-from jaxshroud.march.method import Choices
-from jaxshroud.march.stability import stiffest
-from jaxshroud.model.prepared import State
-from jaxshroud.orbits.batched_algorithms import run_together
-from jaxshroud.orbits.orbit import PeriodicOrbit
-from jaxshroud.orbits.shooting import CLOSING_TOLERANCE, ShootingOptions, settled_orbit
 from jaxshroud.results.fit import Fit
 from jaxshroud.scene.checks import InputError, count_argument, seed_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.measurements import Measurements
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
-from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.arguments import one_scene, resolve_options
-from jaxshroud.verbs.asked import MarchPlan, MethodArgument
-from jaxshroud.verbs.design_problem import Problem, design_corners, first_points, problem_of, scenes_of
+from jaxshroud.verbs.asked import MethodArgument
+from jaxshroud.verbs.design_problem import Problem, first_points, problem_of
+from jaxshroud.verbs.fit_models import FitModel, HistoryModel, ResponseModel, fit_corners, model_of
 from jaxshroud.verbs.lanes import with_tangents
 
 CURVE_POINTS = 1000  # of the fitted history that is drawn
@@ -72,7 +61,8 @@ def fit(
     later on. A frequency response is that of the motion on which the scene settles at each frequency.
 
     Over a whole history with contact chi^2 has many valleys. The numbers are therefore sought along its beginning
-    first, by many points at once, and then along ever longer parts of it, until two independent searches end alike.
+    first, by many points at once, and then along ever longer parts of it, until two independent searches end alike
+    where noise may have such a chi^2; else there are up to four. What the noise contradicts has no interval.
 
     Args:
         scene: One scene, or a scene file, whose [run] counts where an argument is not given.
@@ -92,7 +82,8 @@ def fit(
 
     Returns:
         The best fit, with 95 % intervals and `notes`. A number that the data do not determine has none, nor has any
-        number of a history whose residuals are no noise, or that fits as well elsewhere.
+        number of a fit that the noise contradicts, or of a history whose residuals are no noise, which the march's own
+        error moves, or that fits as well elsewhere.
 
     Raises:
         KeyNameError: The scene has no such number.
@@ -126,106 +117,69 @@ def fit(
     resolved = resolve_options(scene, method=method)
     march = with_tangents(resolved, fit_corners(problem))
     model = model_of(problem, data, march, most_periods)
-    found, profiled = _estimated(problem, data, model, (scan, starts, seed), progress)
-    told = findings(found, tuple(over), profiled, problem.values, data.kind == "history")
+    found, profiled, model, march_error = _estimated(problem, data, model, (scan, starts, seed), progress)
+    told = findings(found, tuple(over), profiled, problem.values, data.kind == "history", march_error)
     attrs, _ = resolved.provenance(resolved.transient, march.steps)
     settings = {**march._replace(steps=model.steps, choice=None).attributes, "seed": seed, "data_kind": data.kind}
     return _result(problem, data, model, found, profiled, told, settings, attrs)
 
 
-class HistoryModel:
-    """The model of a time history: the march from the scene's initial motion."""
+class Estimated(NamedTuple):
+    """The best fit, with the profiles of its numbers."""
 
-    def __init__(self, problem: Problem, data: Measurements, steps: int, method: Choices, shortest_period: float):
-        self.problem, self.data, self.steps = problem, data, steps
-        self.method = as_differentiable(method)
-        self.schedule = history_schedule(float(data.at[-1]), shortest_period, steps, self.method)
-
-    def __call__(self, points: np.ndarray, rows: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Displacements at the measured times (points, n, channels), and slopes in the unit cube (..., keys).
-
-        After the first `rows` of them they are NaN.
-        """
-        values, slopes = self._at(points, self.data, rows)
-        return values, slopes * self.problem.rates(points)[:, None, None, :]
-
-    def curve(self, u: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """The motion from the start to the last measured time."""
-        t = np.linspace(0.0, self.data.at[-1], count)
-        return t, self._at(u[None], self.data._replace(at=t)).values[0]
-
-    def _at(self, points: np.ndarray, data: Measurements, rows: int | None = None) -> Predicted:
-        scenes = in_precision(scenes_of(self.problem, self.problem.values(points)), self.method.precision)
-        return predicted_history(scenes, tuple(self.problem.over), data, self.schedule, rows or len(data.at))
-
-
-class ResponseModel:
-    """The model of a frequency response: amplitudes on the orbits on which the scene settles.
-
-    Each orbit is sought from that of the latest point at the same frequency, first from the scene's initial motion.
-    """
-
-    def __init__(self, problem: Problem, data: Measurements, steps: int, method: Choices, most_periods: int):
-        self.problem, self.data, self.steps, self.most_periods = problem, data, steps, most_periods
-        self.aim = ShootingOptions(steps, CLOSING_TOLERANCE[method.precision], method)
-        self.latest: dict[int, State] = {}  # by frequencies
-
-    def __call__(self, points: np.ndarray, rows: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Amplitudes at the measured frequencies (points, n, channels), and slopes in the unit cube (..., keys)."""
-        del rows  # all frequencies are one batch
-        orbits = self._orbits(points)
-        values, slopes = orbit_amplitudes_by(orbits, tuple(self.problem.over), self.data.channels)
-
-        def by_point(a):
-            return a.reshape(len(points), -1, *a.shape[1:])
-
-        return by_point(values), by_point(slopes) * self.problem.rates(points)[:, None, None, :]
-
-    def curve(self, u: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """The amplitudes at the measured frequencies, in order."""
-        order = np.argsort(self.data.at, kind="stable")
-        return self.data.at[order], self(u[None])[0][0][order]
-
-    def _orbits(self, points: np.ndarray) -> list[PeriodicOrbit | None]:
-        scenes = in_precision(scenes_of(self.problem, self.problem.values(points)), self.aim.method.precision)
-        count, first = len(self.data.at), initial_states(scenes)
-
-        def lane(tree, i):
-            return jax_lane_arrays(tree, (i,))
-
-        lanes = range(len(points) * count)
-        starts = [self.latest[i % count] if i % count in self.latest else lane(first, i) for i in lanes]
-        searches = [settled_orbit(lane(scenes, i), starts[i], self.most_periods, self.aim) for i in lanes]
-        orbits = [orbit if isinstance(orbit, PeriodicOrbit) else None for orbit in run_together(searches)]
-        if len(points) == 1:
-            self.latest |= {i: orbit.start for i, orbit in enumerate(orbits) if orbit is not None and orbit.sound}
-        return orbits
-
-
-FitModel = HistoryModel | ResponseModel
+    found: Estimate
+    profiled: list[ProfiledNumber]
+    model: FitModel  # by whose march it was found in the end
+    march_error: float = 0.0  # how far the march's error moves a number, over the half width of its interval
 
 
 def _estimated(
     problem: Problem, data: Measurements, model: FitModel, search: tuple[int, int, int], progress: Progress | None
-) -> tuple[Estimate, list[ProfiledNumber]]:
+) -> Estimated:
     """The best fit, with the profiles of its numbers."""
-    (scan, starts, seed), keys, weighted = search, len(problem.over), weighted_data(data)
-    nodes = NODE_EVALUATIONS * keys
-    if data.kind == "response":
+    (scan, starts, seed), weighted = search, weighted_data(data)
+    nodes = NODE_EVALUATIONS * len(problem.over)
+    if isinstance(model, ResponseModel):
         points = first_points(problem, scan, seed)
         counted = _Counted(model, len(points) + starts * MOST_EVALUATIONS + nodes, progress)
         found = estimate(Misfit(counted, weighted, counted.skip), points, min(starts, len(points)))
-    else:
-        count = max(scan // USUAL_SEARCHES, FEWEST_POINTS)
-        draws = [first_points(problem, count, seed, n) for n in range(MOST_SEARCHES)]
-        most = USUAL_SEARCHES * (evaluations_of_search(count) + 2 * starts * MOST_STEPS) + nodes
-        counted = _Counted(model, most, progress)
-        rng = np.random.default_rng(seed)
-        found = estimate_of_history(Misfit(counted, weighted, counted.skip), data.at, draws, starts, rng)
+        return Estimated(found, profiles(found), model)
+    count = max(scan // USUAL_SEARCHES, FEWEST_POINTS)
+    draws = [first_points(problem, count, seed, n) for n in range(MOST_SEARCHES)]
+    most = USUAL_SEARCHES * (evaluations_of_search(count) + 2 * starts * MOST_STEPS) + nodes
+    counted = _Counted(model, most, progress)
+    misfit, rng = Misfit(counted, weighted, counted.skip), np.random.default_rng(seed)
+    found = estimate_of_history(misfit, data.at, draws, starts, rng, lambda found: _errs(found, model))
+    return refined_fit(found, counted, model)
+
+
+def refined_fit(found: Estimate, counted: "_Counted", model: HistoryModel) -> Estimated:
+    """The fit to a history with its profiles, by a march whose own error is small beside the intervals if a finer is.
+
+    The search makes do with the march that is asked; where it errs, the minima that it found are those of another.
+    """
+    if _errs(found, model):
+        counted.model = model = model.refined()
+        found = remarched(found, model.data.at)
+    found, profiled = _profiled(found)
+    return Estimated(found, profiled, model, _march_error(found, model))
+
+
+def _errs(found: Estimate, model: HistoryModel) -> bool:
+    return _march_error(found, model) > MARCH_ERROR
+
+
+def _march_error(found: Estimate, model: HistoryModel) -> float:
+    """How far the error of the march moves a number, over the half width of its interval, by a finer march."""
+    return found.moved_by(Misfit(model.refined(), found.misfit.data).at(found.u))
+
+
+def _profiled(found: Estimate) -> tuple[Estimate, list[ProfiledNumber]]:
+    """The fit to a history, from which its profiles show no better place, and these."""
     profiled = profiles(found)
     for _ in range(MOST_BETTER):
         better = better_place(found, profiled)
-        if better is None or data.kind == "response":
+        if better is None:
             break
         found = descended(found.misfit, found, better)
         profiled = profiles(found)
@@ -255,23 +209,6 @@ def fit_problem(nominal: Scene, data: Measurements, over: Mapping[str, tuple[flo
     return problem_of(nominal, over, {"drive.omega": data.at.tolist()})
 
 
-def fit_corners(problem: Problem) -> Scene:
-    """The scenes at the ends of the bounds, at the ends of the frequencies."""
-    ends = {key: (min(values), max(values)) for key, values in problem.conditions.items()}
-    return design_corners(problem._replace(conditions=ends))
-
-
-def model_of(problem: Problem, data: Measurements, march: MarchPlan, most_periods: int) -> FitModel:
-    """The model of the measurements."""
-    corners = fit_corners(problem)
-    omega_max, _ = stiffest(corners, 1)
-    slowest, fastest = (float(f(np.asarray(corners.drive.omega))) for f in (np.min, np.max))
-    steps = steps_between_samples(omega_max, math.tau / slowest, march.steps, data.kind)
-    if data.kind == "history":
-        return HistoryModel(problem, data, steps, march.method, math.tau / fastest)
-    return ResponseModel(problem, data, steps, march.method, most_periods)
-
-
 class _Counted:
     """A model whose evaluations are counted and reported."""
 
@@ -279,6 +216,7 @@ class _Counted:
         self.model, self.done, self.most, self.progress = model, 0, most, progress
 
     def __call__(self, points: np.ndarray, rows: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """What the model says."""
         predicted = self.model(points, rows)
         self.skip(len(points))
         return predicted

@@ -3,12 +3,19 @@
 import numpy as np
 import pytest
 from scipy.optimize import brentq
-from scipy.stats import norm, t
+from scipy.stats import chi2, norm, t
 
 import jaxshroud as js
 from jaxshroud.fitting.identifiability import findings, profiles
-from jaxshroud.fitting.least_squares import Data, Misfit, estimate, noise_of_neighbours
-from jaxshroud.fitting.searches import estimate_of_history
+from jaxshroud.fitting.least_squares import (
+    Data,
+    Minimum,
+    Misfit,
+    estimate,
+    estimate_at,
+)
+from jaxshroud.fitting.noise import is_contradicted, noise_of_neighbours
+from jaxshroud.fitting.searches import estimate_of_history, lengthened
 
 TIMES = np.linspace(0, 1, 40)
 STARTS = np.random.default_rng(0).random((8, 2))
@@ -215,6 +222,82 @@ def test_a_record_is_lengthened_into_its_valley(known):
         by_starts = estimate(misfit_of(chirp, data), np.random.default_rng(seed).random((64, 2)), 4)
         found_by_starts.append(abs(by_starts.u[1] - truth[1]) < 1e-3)
     assert not all(found_by_starts)  # control: descents over the whole record miss it
+
+
+def two_valleys(points):
+    """Values and slopes that have two valleys along u_1, at 0.3 and 0.7, which the first 0.6 of a record do not tell.
+
+    Noise alone decides which of them is deeper there; the rest shows that 0.7 is right.
+    """
+    u, late = points[:, 1:], LONG > 0.6
+    wave = 0.01 * np.sin(40 * LONG)
+    values = points[:, :1] + 10 * (u - 0.3) * (u - 0.7) + u * wave + np.where(late, 0.4 * (u - 0.7), 0.0)
+    slope = 20 * (u - 0.5) + wave + np.where(late, 0.4, 0.0)
+    return values[..., None], np.stack([np.ones_like(slope), slope], -1)[:, :, None]
+
+
+def test_the_deeper_valley_of_a_part_does_not_crowd_out_others():
+    # u_0 is all but known: its prior is a datum of the record's beginning, with a hundredth of the noise.
+    def pinned(points):
+        values, slopes = two_valleys(points)
+        values[:, 0, 0], slopes[:, 0, 0] = 100 * points[:, 0], (100.0, 0.0)
+        return values, slopes
+
+    for seed in range(8):
+        data = history_of((0.5, 0.7), seed, known=True, predict=pinned)
+        found = lengthened(
+            misfit_of(pinned, data), np.random.default_rng(seed).random((32, 2)), np.random.default_rng(seed)
+        )
+        assert abs(found.u[0, 1] - 0.7) < 0.01  # ten deviations; the other valley is 0.4 away
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_fit_that_the_noise_contradicts_claims_nothing(known):
+    # chi^2 is what noise exceeds once in 200 times, far below four of its standard deviations.
+    exact = line(np.array([(0.4, 0.5)]))[0][0]
+    noise = np.random.default_rng(12).standard_normal(exact.shape)
+    data = Data(exact + 0.02 * noise, np.full(exact.shape, 0.02), True)
+    found = estimate(misfit_of(line, data), STARTS, 2)
+    for probability, claims in ((0.005, False), (0.02, True)):
+        sigma = 0.02 * np.sqrt(found.chi2 / chi2.isf(probability, found.freedom))
+        scaled = data._replace(sigma=np.full(exact.shape, sigma), sigma_is_known=known)
+        again = estimate_at(misfit_of(line, scaled), [Minimum(found.u, found.chi2 * (0.02 / sigma) ** 2)])
+        told = findings(again, ("a", "b"), profiles(again), lambda u: u, is_history=True)
+        assert told.determined == [claims, claims]
+        assert any("times the noise that" in note for note in told.notes) == (not claims)
+
+
+def test_chi2_over_the_noise_of_neighbours_is_as_large_as_over_known_noise():
+    # Once in a hundred times it is contradicted: of 4,000 fits of 400 values 25 to 60, four deviations.
+    rng, at = np.random.default_rng(13), np.arange(400.0)
+    residuals = rng.standard_normal((4000, 400))
+    contradicted = [
+        is_contradicted(float(np.sum((one / noise_of_neighbours(one[:, None], at)) ** 2)), 400) for one in residuals
+    ]
+    assert 20 <= sum(contradicted) <= 60
+
+
+def test_searches_go_on_where_the_noise_contradicts_what_they_found():
+    # No number fits data whose noise is stated too small: all searches are made, though all end alike.
+    data = history_of((0.6, 0.37), 0, known=True)
+    assert search(data, 0).searches == 2
+    small = search(data._replace(sigma=data.sigma / 1.2), 0)
+    assert (small.searches, small.alike) == (4, 4)
+    _, told = told_of(small, is_history=True)
+    assert told.determined == [False, False]
+
+
+def test_an_error_of_the_march_as_large_as_an_interval_is_named():
+    data = measured(line, (0.4, 0.5), 0.02, np.random.default_rng(1), known=True)
+    found, _, told = found_in(line, data)
+    assert told.determined == [True, True]
+    residuals = found.misfit.at(found.u)
+    shift = np.array([0.5, -0.25]) * found.half_widths
+    moved = residuals._replace(values=residuals.values + residuals.jacobian @ shift)
+    np.testing.assert_allclose(found.moved_by(moved), 0.5, rtol=1e-9)  # of a line
+    told = findings(found, ("a", "b"), profiles(found), lambda u: u, is_history=True, march_error=0.5)
+    assert told.determined == [False, False]
+    assert any(note.startswith("the march's own error moves numbers by 0.5 ") for note in told.notes)
 
 
 def test_a_wrong_valley_has_no_interval():

@@ -2,6 +2,7 @@
 
 import math
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -33,14 +34,14 @@ class History(NamedTuple):
     events: dict[str, int]
 
 
-def drawn(count: int, seed: int) -> list[History]:
+def drawn(count: int, seed: int) -> Iterator[History]:
     """So many histories of pairs around Table 1 with small moments, half of them with light blocks."""
-    rng, found = np.random.default_rng(seed), []
-    while len(found) < count:
-        one = _drawn(rng, light=len(found) % 2 == 1)
+    rng, found = np.random.default_rng(seed), 0
+    while found < count:
+        one = _drawn(rng, light=found % 2 == 1)
         if one is not None:
-            found.append(one)
-    return found
+            found += 1
+            yield one
 
 
 def _drawn(rng: np.random.Generator, light: bool) -> History | None:

@@ -10,7 +10,8 @@ from jaxshroud.cli import commands as cli
 from jaxshroud.io.measurements import measurements_from
 from jaxshroud.scene.scene import without_given
 from jaxshroud.verbs.arguments import resolve_options
-from jaxshroud.verbs.fit import HistoryModel, ResponseModel, fit_problem
+from jaxshroud.verbs.fit import fit_problem
+from jaxshroud.verbs.fit_models import HistoryModel, ResponseModel
 from jaxshroud.verbs.lanes import with_tangents
 
 STEPS = 200
@@ -112,6 +113,20 @@ def test_numbers_are_found_again_in_a_history():
     assert all(abs(noisy.value[key] / value - 1) > 1e-4 for key, value in truth.items())  # control: noise tells
     assert noisy.failed == 0
     assert not noisy.sigma_is_known
+
+
+@pytest.mark.full
+def test_steps_that_err_more_than_the_noise_are_refined():
+    # Noise of 1e-4, of which RK4 at the fewest steps errs by more.
+    truth = {"contact.gamma": 2.5, "shroud.gap": 2.2e-5, "blades.c_x": 40.0}
+    found = js.fit(SCENE, history(SCENE, noise=1e-4), OVER, scan=16, starts=2, method=js.RungeKutta(steps=64))
+    assert found.steps_per_period == 4 * 102  # the fewest between whose samples a cubic is accurate, refined
+    assert all(number.is_determined for number in found.numbers.values())
+    # Three intervals of 95 % hold the truth; a tenth of their half widths is what the march may err.
+    assert all(
+        n.low - 0.05 * (n.high - n.low) <= truth[key] <= n.high + 0.05 * (n.high - n.low)
+        for key, n in found.numbers.items()
+    )
 
 
 @pytest.mark.full
