@@ -14,7 +14,6 @@ from jax import lax
 
 from jaxshroud.batch.equilibrium import PRESSED, coordinates_at, friction_free, in_pieces
 from jaxshroud.batch.held_contact import HeldContact, held_contact, sprung
-from jaxshroud.batch.steady_numbers import SteadyNumbers, least_value, negative, steady_course, steady_extremes
 from jaxshroud.cache.programs import kept
 from jaxshroud.model.arithmetic import sine_versine
 from jaxshroud.model.coupling import coupled_damping
@@ -23,6 +22,7 @@ from jaxshroud.model.linear import static_position
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.resting_contact import resting_contact_of
 from jaxshroud.model.rhs import blade_mean_square, position_at
+from jaxshroud.model.steady_numbers import SteadyNumbers, least_value, negative, steady_course, steady_extremes
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene, without_given
@@ -110,7 +110,7 @@ def linear_motion(scene: Scene, held: HeldContact) -> LinearMotion:
     def mean(a):
         return jnp.mean(a, axis=0)
 
-    highest, lowest = steady_extremes(swing, tau, q)
+    highest, lowest = steady_extremes(swing)
 
     def by_row(a):
         return a.reshape(3, -1)

@@ -130,8 +130,16 @@ def _steady_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Amplitudes:
 
 
 def free_reach(free: dict[int, Amplitudes], name: str) -> Any:
-    """The sum of the amplitudes of x, y or theta over all harmonics, which the free motion does not exceed."""
+    """The sum of the amplitudes of x, y or theta over all harmonics, which the free motion does not exceed.
+
+    It is a bound: the amplitude is `steady_peak` of the `waves_of` this displacement.
+    """
     return summed(abs(getattr(one, name)) for one in free.values())
+
+
+def waves_of(free: dict[int, Amplitudes], name: str) -> dict[int, Any]:
+    """The complex amplitudes of x, y or theta about its mean, by order."""
+    return {n: getattr(one, name) for n, one in free.items() if n > 0}
 
 
 def area(shroud: Shroud) -> Float[Array, ""]:

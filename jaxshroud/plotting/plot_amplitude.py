@@ -42,7 +42,7 @@ from jaxshroud.plotting.style import (
     legend_below,
 )
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.quantities import quantity_symbol
+from jaxshroud.scene.quantities import free_name, quantity_symbol
 
 FREE_STYLE: Properties = {"color": GREY, "lw": 0.8, "ls": (0, (1.2, 1.2))}
 MEMBER_COLOURS = (BLUE, ORANGE, GREEN, PINK, RED, SKY)
@@ -216,9 +216,8 @@ def _draw_response(panel: Axes, shown: ResponseContent) -> None:
 
 def _free_levels(shown: ResponseContent) -> PlotArray:
     """The amplitude without contact (members, values)."""
-    name, kind = shown.of.split("_")
-    free = _levels_of(shown.ds, f"{name}_free").isel(direction=0).transpose("member", ...)
-    return free.to_numpy() * shown.unit.factor * (1.0 if kind == "peak" else np.sqrt(0.5))
+    free = _levels_of(shown.ds, free_name(shown.of)).isel(direction=0).transpose("member", ...)
+    return free.to_numpy() * shown.unit.factor
 
 
 def _dim_of(ds: xr.Dataset, of: str) -> str:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 MEAN, RMS = "mean of {}", "root mean square of {} about its mean"
 PEAK = "amplitude of {}: its largest distance from its mean, between steps too"
 FREE = "amplitude of {} without contact, closed form"
+FREE_RMS = "root mean square of {} about its mean without contact, closed form"
 EACH = ("interface",)
 AT_POINTS = ("interface", "point")  # the dimensions of what is told of each point
 ENERGY_DROPPED = "largest energy dropped in a period by beginnings of flat contact, over the drive's gross work"
@@ -26,14 +27,17 @@ class WithAmplitudes:
     x_rms = Variable(RMS.format("x"), "m", ("blade",))
     x_peak = Variable(PEAK.format("x"), "m", ("blade",))
     x_free = Variable(FREE.format("x"), "m", ("blade",))
+    x_free_rms = Variable(FREE_RMS.format("x"), "m", ("blade",))
     y_mean = Variable(MEAN.format("y"), "m", ("blade",))
     y_rms = Variable(RMS.format("y"), "m", ("blade",))
     y_peak = Variable(PEAK.format("y"), "m", ("blade",))
     y_free = Variable(FREE.format("y"), "m", ("blade",))
+    y_free_rms = Variable(FREE_RMS.format("y"), "m", ("blade",))
     theta_mean = Variable(MEAN.format("theta"), "rad", ("blade",))
     theta_rms = Variable(RMS.format("theta"), "rad", ("blade",))
     theta_peak = Variable(PEAK.format("theta"), "rad", ("blade",))
     theta_free = Variable(FREE.format("theta"), "rad", ("blade",))
+    theta_free_rms = Variable(FREE_RMS.format("theta"), "rad", ("blade",))
 
 
 class WithLoads:

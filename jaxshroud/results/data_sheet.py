@@ -18,9 +18,9 @@ class Coordinate:
 
     frequency: tuple[float, ...]  # natural, undamped [Hz]
     zeta: tuple[float, ...]  # damping ratio
-    static: tuple[float, ...]  # displacement under the drive's amplitude as a static load [m or rad]
-    amplitude: tuple[float, ...]  # steady, at the drive's frequency [m or rad]
-    resonant: tuple[float, ...]  # steady, at the undamped natural frequency [m or rad]; inf without damping
+    static: tuple[float, ...]  # displacement under the largest load of the drive as a static one [m or rad]
+    amplitude: tuple[float, ...]  # steady, at the drive's frequency, about the mean [m or rad]
+    resonant: tuple[float, ...]  # steady, of the strongest harmonic at the undamped natural frequency; inf undamped
 
 
 @dataclass(frozen=True)

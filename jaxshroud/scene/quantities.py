@@ -57,6 +57,12 @@ def amplitude_of(of: str) -> Amplitude | None:
     return Amplitude(displacement, measure)  # pyright: ignore[reportArgumentType]  # `of` is a `Quantity`
 
 
+def free_name(of: str) -> str:
+    """The name of an amplitude without contact beside `of`, e.g. "x_free" beside "x_peak" and "x_free_rms"."""
+    displacement, measure = of.split("_")
+    return f"{displacement}_free" if measure == "peak" else f"{displacement}_free_{measure}"
+
+
 def counted_amplitude(amplitudes: "np.ndarray", layout: Layout) -> "np.ndarray":
     """The amplitude that counts, of those of each blade (..., blades): the largest of the blades that count, (...)."""
     return amplitudes[..., layout.counting].max(axis=-1)

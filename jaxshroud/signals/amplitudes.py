@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.periods import LANES_PER_CALL, Sample
@@ -15,20 +16,25 @@ from jaxshroud.batch.stretches import SampledAmplitudes
 from jaxshroud.batch.threads import in_chunks
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.cache.programs import kept
-from jaxshroud.model.linear import area, free_power, free_reach, power_reduction, steady_amplitudes
+from jaxshroud.model.linear import area, free_power, power_reduction, steady_amplitudes, waves_of
+from jaxshroud.model.steady_numbers import steady_peak, steady_rms
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.optional import MEAN_LOADS
 from jaxshroud.scene.quantities import (
     DISPLACEMENTS,
+    Amplitude,
     Quantity,
     RequiredReduction,
     amplitude_of,
     counted_amplitude,
+    free_name,
     is_reduction,
 )
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.vary import fields_of
 from jaxshroud.signals.averages import averages, closed_forms, half_diagonal
+
+UNDRIVEN = 1e-9  # of the displacement of a block: an amplitude below it is the rounding of a load that is 0
 
 
 def amplitude_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict[str, np.ndarray]:
@@ -51,12 +57,11 @@ def amplitude_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict
     highest = [_largest_of(a, counted) for a in samples.extent.highest]
     lowest = [-_largest_of(-a, counted) for a in samples.extent.lowest]
     values = {}
-    for i, (name, free) in enumerate(zip(DISPLACEMENTS, free_amplitudes(scenes), strict=True)):
+    for i, name in enumerate(DISPLACEMENTS):
         values[f"{name}_mean"] = mean[i]
         values[f"{name}_rms"] = np.sqrt(np.maximum(square[i] - mean[i] ** 2, 0.0))
         values[f"{name}_peak"] = np.maximum(highest[i] - mean[i], mean[i] - lowest[i])
-        values[f"{name}_free"] = free
-    return values
+    return values | free_amplitudes(scenes)
 
 
 def counted_periods(samples: Sample, number: np.ndarray) -> np.ndarray:
@@ -75,22 +80,35 @@ def _like(counted: np.ndarray, values: np.ndarray) -> np.ndarray:
     return counted.reshape(*counted.shape, *[1] * (values.ndim - 2))
 
 
-def free_amplitudes(scenes: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The amplitudes of x, y and theta without contact, (lanes, blades) each, see `free_reach`."""
+def free_amplitudes(scenes: Scene, names: tuple[str, ...] = DISPLACEMENTS) -> dict[str, np.ndarray]:
+    """The amplitudes of displacements without contact by their names, see `free_name`, (lanes, blades) each."""
     count = len(scenes.drive.omega)
 
     def chunk(_, lanes):
-        return _free_amplitudes(jax.tree.map(lambda a: np.asarray(a)[lanes], scenes))
+        return _free_amplitudes(jax.tree.map(lambda a: np.asarray(a)[lanes], scenes), names)
 
-    x, y, theta = in_chunks(chunk, count, 1 if count == 1 else LANES_PER_CALL)
-    return np.asarray(x, float), np.asarray(y, float), np.asarray(theta, float)
+    found = in_chunks(chunk, count, 1 if count == 1 else LANES_PER_CALL)
+    return {name: np.asarray(a, float) for name, a in found.items()}
 
 
-@kept()
-def _free_amplitudes(scenes: Scene):
+@kept("names")
+def _free_amplitudes(scenes: Scene, names: tuple[str, ...]):
     def one(scene: Scene):
         free = steady_amplitudes(scene)
-        return tuple(free_reach(free, name) for name in DISPLACEMENTS)
+        waves = {name: waves_of(free, name) for name in names}
+        peaks = {free_name(f"{name}_peak"): steady_peak(a) for name, a in waves.items()}
+        return peaks | {free_name(f"{name}_rms"): steady_rms(a) for name, a in waves.items()}
+
+    return jax.vmap(one)(scenes)
+
+
+@kept("name")
+def _free_means(scenes: Scene, name: str) -> Any:
+    """The displacements of scenes (leading axis) under the mean loads without contact, (lanes, blades)."""
+
+    def one(scene: Scene):
+        held = steady_amplitudes(scene).get(0)
+        return jnp.zeros_like(scene.blades.m) if held is None else getattr(held, name).imag
 
     return jax.vmap(one)(scenes)
 
@@ -146,8 +164,9 @@ def sampled_amplitude_values(scenes: Scene, amplitudes: SampledAmplitudes | None
     """The values of `WithAmplitudes` of runs (leading axis) by their names; nothing where no steps count."""
     if amplitudes is None:
         return {}
-    columns = {**amplitudes._asdict(), "free": np.stack(free_amplitudes(scenes), axis=-1)}
-    return {f"{name}_{of}": a[..., i] for i, name in enumerate(DISPLACEMENTS) for of, a in columns.items()}
+    columns = amplitudes._asdict()
+    values = {f"{name}_{of}": a[..., i] for i, name in enumerate(DISPLACEMENTS) for of, a in columns.items()}
+    return values | free_amplitudes(scenes)
 
 
 class Levels(NamedTuple):
@@ -176,16 +195,30 @@ def levels_of(of: Quantity, scenes: Scene, samples: Sample) -> Levels:
 
 
 def free_level(of: Quantity, scene: Scene) -> float:
-    """What a quantity is compared with: P_0, or the RMS displacement of a block without contact; NaN for P_d.
+    """What a quantity is compared with: what it is without contact; NaN for P_d.
 
-    It is the sum of P_0 over the blades that count, or the largest of their displacements. Angles are compared with
-    that displacement over half the longer diagonal of a block [rad].
+    It is the sum of P_0 over the blades that count, or the largest of their amplitudes. A displacement on which no
+    load works is compared with that of the block, see `block_level`.
     """
     if is_reduction(of):
         return np.nan
-    amplitude, P_0 = amplitude_of(of), np.asarray(free_power(scene))[scene.layout.counting]
+    amplitude = amplitude_of(of)
     if amplitude is None:
-        return float(P_0.sum())
+        return float(np.asarray(free_power(scene))[scene.layout.counting].sum())
+    name, lane = amplitude.displacement, one_lane(without_given(scene))
+    of_blades = (
+        _free_means(lane, name) if amplitude.measure == "mean" else free_amplitudes(lane, (name,))[free_name(of)]
+    )
+    own, of_block = float(counted_amplitude(np.abs(of_blades), scene.layout)[0]), block_level(amplitude, scene)
+    return own if own > UNDRIVEN * of_block else of_block
+
+
+def block_level(amplitude: Amplitude, scene: Scene) -> float:
+    """The largest RMS displacement of the blocks that count, without contact [m].
+
+    Of angles it is that over half the longer diagonal of a block [rad].
+    """
+    P_0 = np.asarray(free_power(scene))[scene.layout.counting]
     lever = float(half_diagonal(scene.shroud)) if amplitude.displacement == "theta" else 1.0
     return float(np.sqrt(P_0.max() / area(scene.shroud))) / lever
 

@@ -3,10 +3,12 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Float
 
 from jaxshroud.cache.programs import kept
@@ -14,12 +16,14 @@ from jaxshroud.march.stability import steps_for, stiffest
 from jaxshroud.march.tableau import RK4
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import gyration
-from jaxshroud.model.linear import Amplitudes, free_reach, steady_amplitudes
+from jaxshroud.model.linear import Amplitudes, steady_amplitudes, waves_of
 from jaxshroud.model.linear_systems import touching_gradients
 from jaxshroud.model.natural_modes import LinearContact, drive_loads, linear_contact
+from jaxshroud.model.steady_numbers import steady_peak
 from jaxshroud.results.data_sheet import Coordinate, DataSheet, FlowMode, NaturalMode, crossings_between
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.speed import engine_order_of
 from jaxshroud.scene.typed import typed
@@ -82,27 +86,26 @@ def check(
     free, k, gyration_of_block, lever, system, load = jax.tree.map(np.asarray, _free_and_touching(scene))
     b, s = arrays.mistuned_blades, arrays.running_shroud
     k = np.atleast_1d(k)
-    gaps = np.atleast_1d(s.gap) - _closed_by_mean_loads(free, float(s.alpha), np.size(s.gap))
-    across, along = _relative_motions(free, float(s.alpha), len(gaps))
-    nearest = int(np.argmax(across))
+    gaps = np.atleast_1d(s.gap) - _closed_by_mean_loads(free.mean, float(s.alpha), np.size(s.gap))
+    nearest = int(np.argmax(free.across))
     modes = modes_of(arrays, k, system, load)
     sheet = DataSheet(
         coordinates=_free_coordinates(arrays, free),
         drive=float(arrays.drive.omega) / RAD_PER_CYCLE,
         gap=float(np.min(s.gap)),
-        **({"static_gaps": _floats(gaps)} if 0 in free else {}),
-        approach=float(across[nearest]) / math.sin(s.alpha),
-        corner=_floats(lever * free_reach(_without_mean(free), "theta")),
+        **({} if free.mean is None else {"static_gaps": _floats(gaps)}),
+        approach=float(free.across[nearest]) / math.sin(s.alpha),
+        corner=_floats(lever * free.peaks["theta"]),
         inertia=_floats(b.I / (b.m * gyration_of_block)),
         gamma=float(k[0] / arrays.blades.k_x[0]),
         omega_max=stiffest(scene, 0)[0],
         steps=steps_for(scene, 0, "auto", RK4),
         doubts=(),
-        slide=float(along.max()),
+        slide=float(free.along.max()),
         settled=settled_motion(scene) if has_settled_motion(scene) else None,
         modes=modes,
         pressed=_floats(_displaced_by_interference(system, gaps, float(s.alpha))),
-        **({} if scene.row is None else _at_interfaces(arrays, k, across / math.sin(s.alpha), along)),
+        **({} if scene.row is None else _at_interfaces(arrays, k, free.across / math.sin(s.alpha), free.along)),
         **({"flow_modes": _modes_in_flow(arrays, system)} if scene.aero.exists else {}),
         **_over_speed(scene, arrays, system, modes, engine_orders, (float(start), stop)),
     )
@@ -163,51 +166,64 @@ def _over_speed(
     }
 
 
+class FreeMotion(NamedTuple):
+    """The steady motion of the blades without contact, under all harmonics of the drive."""
+
+    peaks: dict[str, Any]  # (blades,) amplitude of x, y [m] and theta [rad] about its mean
+    loads: dict[str, Any]  # (blades,) largest load on each [N or N m]
+    strongest: dict[str, Any]  # (blades,) the largest amplitude of any harmonic of it
+    across: Any  # (interfaces,) amplitude of the faces' motion across each other, without rotation [m]
+    along: Any  # (interfaces,) of that along each other
+    mean: Amplitudes | None  # displacements under mean loads; None without these
+
+
 @kept()
 def _free_and_touching(
     scene: Scene,
-) -> tuple[dict[int, Amplitudes], Float[Array, "..."], Scalar, Scalar, LinearContact, dict[int, tuple[Array, Array]]]:
-    """The free blades' amplitudes, the stiffness of contact, a block's gyration, half its diagonal, a linear system.
+) -> tuple[FreeMotion, Float[Array, "..."], Scalar, Scalar, LinearContact, dict[int, tuple[Array, Array]]]:
+    """The free motion, the stiffness of contact, a block's gyration, half its diagonal, a linear system.
 
     The system and the load on it are those of blades whose upper corners meet: there is no gap between them.
     """
     shroud = scene.shroud
     system = linear_contact(scene, touching_gradients(scene))
-    return steady_amplitudes(scene), scene.k, gyration(shroud), half_diagonal(shroud), system, drive_loads(scene)
+    return _motion_apart(scene), scene.k, gyration(shroud), half_diagonal(shroud), system, drive_loads(scene)
 
 
-def _relative_motions(free: dict[int, Amplitudes], alpha: float, interfaces: int) -> tuple[np.ndarray, np.ndarray]:
-    """The amplitudes of the free faces' motion across and along each other, without rotation [m], (interfaces,).
+def _motion_apart(scene: Scene) -> FreeMotion:
+    free, sines = steady_amplitudes(scene), {n: one for n, one in scene.drive.harmonics().items() if n > 0}
+    loads = {name: {n: lax.complex(*one.parts(name)[:2]) for n, one in sines.items()} for name in COORDINATES}
+    shifts = zip(waves_of(free, "x").items(), waves_of(free, "y").values(), strict=True)
+    faces = {n: _motion_of_faces(x, y, scene.shroud.alpha, scene.layout.interfaces) for (n, x), y in shifts}
+    return FreeMotion(
+        peaks={name: steady_peak(waves_of(free, name)) for name in COORDINATES},
+        loads={name: steady_peak(load) for name, load in loads.items()},
+        strongest={name: jnp.max(jnp.abs(jnp.stack([*load.values()])), axis=0) for name, load in loads.items()},
+        across=steady_peak({n: across for n, (across, _) in faces.items()}),
+        along=steady_peak({n: along for n, (_, along) in faces.items()}),
+        mean=free.get(0),
+    )
 
-    Those of all harmonics of the drive are added.
-    """
-    sines = _without_mean(free).values()
-    across, along = np.sum([_relative_amplitudes(one, alpha, interfaces) for one in sines], axis=0)
-    return across, along
+
+def _motion_of_faces(x: Any, y: Any, alpha: Scalar, interfaces: int) -> tuple[Any, Any]:
+    """The complex amplitudes of the faces' motion across and along each other, of those of the blades."""
+    x, y = ((a - jnp.roll(a, -1))[:interfaces] for a in (x, y))
+    n, t = (jnp.sin(alpha), -jnp.cos(alpha)), (jnp.cos(alpha), jnp.sin(alpha))
+
+    def along(direction):
+        to_x, to_y = direction
+        a = lax.complex(x.real * to_x + y.real * to_y, x.imag * to_x + y.imag * to_y)
+        return jnp.where(jnp.isnan(a), jnp.inf, a)  # infinity minus infinity
+
+    return along(n), along(t)
 
 
-def _without_mean(free: dict[int, Amplitudes]) -> dict[int, Amplitudes]:
-    """The amplitudes without the static displacement under mean loads."""
-    return {n: one for n, one in free.items() if n > 0}
-
-
-def _closed_by_mean_loads(free: dict[int, Amplitudes], alpha: float, interfaces: int) -> np.ndarray:
+def _closed_by_mean_loads(mean: Amplitudes | None, alpha: float, interfaces: int) -> np.ndarray:
     """By how much mean loads reduce each gap without contact and rotation [m], (interfaces,)."""
-    if 0 not in free:
+    if mean is None:
         return np.zeros(interfaces)
-    x, y = (np.imag(a) - np.roll(np.imag(a), -1) for a in (free[0].x, free[0].y))
+    x, y = (np.imag(a) - np.roll(np.imag(a), -1) for a in (mean.x, mean.y))
     return np.asarray(x - y / math.tan(alpha))[:interfaces]
-
-
-def _relative_amplitudes(free: Amplitudes, alpha: float, interfaces: int) -> tuple[np.ndarray, np.ndarray]:
-    with np.errstate(invalid="ignore"):  # infinity minus infinity
-        x, y = ((a - np.roll(a, -1))[:interfaces] for a in (free.x, free.y))
-        across, along = x * math.sin(alpha) - y * math.cos(alpha), x * math.cos(alpha) + y * math.sin(alpha)
-
-    def unbounded(a):
-        return np.where(np.isnan(a), np.inf, np.abs(a))
-
-    return unbounded(across), unbounded(along)
 
 
 def _displaced_by_interference(system: LinearContact, gaps: np.ndarray, alpha: float) -> np.ndarray:
@@ -244,18 +260,18 @@ def _end_of_range(modes: Sequence[NaturalMode], omega: float, speed: float) -> f
     return speed * max(SPEED_RANGE, BEYOND_LOWEST * RAD_PER_CYCLE * max(lowest.values()) / omega)
 
 
-def _free_coordinates(arrays: Scene, free: dict[int, Amplitudes]) -> dict[str, Coordinate]:
-    b, sines = arrays.mistuned_blades, [one for n, one in arrays.drive.harmonics().items() if n > 0]
-    load, moving = lambda name: np.sum([abs(one.load(name)) for one in sines], axis=0), _without_mean(free)
+def _free_coordinates(arrays: Scene, free: FreeMotion) -> dict[str, Coordinate]:
+    b = arrays.mistuned_blades
     oscillators = {"x": (b.m, b.c_x, b.k_x), "y": (b.inertia_y, b.c_y, b.k_y), "theta": (b.I, b.c_T, b.k_T)}
-    return {name: _coordinate(oscillators[name], load(name), free_reach(moving, name)) for name in arrays.parts.motion}
+    return {name: _coordinate(oscillators[name], free, name) for name in arrays.parts.motion}
 
 
-def _coordinate(oscillator: tuple[Any, Any, Any], load: np.ndarray, amplitude: np.ndarray) -> Coordinate:
+def _coordinate(oscillator: tuple[Any, Any, Any], free: FreeMotion, name: str) -> Coordinate:
     m, c, k = oscillator
+    strongest = free.strongest[name]
     with np.errstate(divide="ignore", invalid="ignore"):
-        resonant = np.where(load > 0, load / (c * np.sqrt(k / m)), 0.0)
-    numbers = np.sqrt(k / m) / RAD_PER_CYCLE, c / (2 * np.sqrt(k * m)), load / k, amplitude, resonant
+        resonant = np.where(strongest > 0, strongest / (c * np.sqrt(k / m)), 0.0)
+    numbers = np.sqrt(k / m) / RAD_PER_CYCLE, c / (2 * np.sqrt(k * m)), free.loads[name] / k, free.peaks[name], resonant
     return Coordinate(*map(_floats, numbers))
 
 

@@ -26,7 +26,7 @@ from jaxshroud.scene.quantities import Quantity, amplitude_of, check_quantity, i
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import check_values, in_precision
 from jaxshroud.scene.vary import value_of, with_numbers
-from jaxshroud.signals.amplitudes import check_resonance, check_vibration, free_level, levels_of
+from jaxshroud.signals.amplitudes import block_level, check_resonance, check_vibration, free_level, levels_of
 from jaxshroud.signals.averages import stiffnesses
 from jaxshroud.verbs.scattering import Scattering, check_ends, check_overlap, cube_corners
 
@@ -47,6 +47,7 @@ class Problem(NamedTuple):
     scattering: Scattering | None = None  # scatter about a design; every draw counts like a condition
     of: Quantity = "P_d"
     free: float = np.nan  # what `of` is compared with, see `free_level`
+    scale: float = 1.0  # of penalties and tolerances in percentage points: more where `of` hardly moves without contact
 
     def reduction(self, level: np.ndarray) -> np.ndarray:
         """What a design gains [percentage points]: P_d itself, or how far another quantity is below its free level."""
@@ -111,7 +112,9 @@ def problem_of(
     """
     check_bounds(over, scene)
     check_objective(of, scene)
-    free = free_level(of, scene)
+    free, amplitude = free_level(of, scene), amplitude_of(of)
+    scale = 1.0 if amplitude is None else max(block_level(amplitude, scene) / free, 1.0)
+    compared = {"of": of, "free": free, "scale": scale}
     shared = set(over) & set(conditions)
     if shared:
         raise InputError(f"{sorted(shared)[0]} is both tuned and an operating condition.")
@@ -123,12 +126,12 @@ def problem_of(
     n_corners = math.prod(map(len, condition_values.values())) << (min(len(over), 8) + n_scattering)
     check_size(n_corners, 0, 1)  # the corners are simulated first
     if scattering is None:
-        return Problem(with_numbers(scene, [*over, *condition_values]), dict(over), condition_values, of=of, free=free)
+        return Problem(with_numbers(scene, [*over, *condition_values]), dict(over), condition_values, **compared)
     check_overlap(scattering, [*over, *condition_values])
     others = [key for key in scattering.keys if key not in over and key not in condition_values]
     numbered = with_numbers(scene, [*over, *condition_values, *others])
     scattering = scattering._replace(others={key: value_of(numbered, key) for key in others})
-    problem = Problem(numbered, dict(over), condition_values, scattering=scattering, of=of, free=free)
+    problem = Problem(numbered, dict(over), condition_values, scattering=scattering, **compared)
     _check_scattering(problem)
     return problem
 
@@ -236,7 +239,7 @@ def judge_designs(problem: Problem, designs: np.ndarray, tick: Tick) -> DesignJu
         N_max = stiffnesses(scenes).reshape(len(v_max), -1) * v_max  # at each interface
         v, force = (a.reshape(len(designs), -1).max(axis=1) for a in (v_max, N_max))
         excess = np.maximum(v / problem.most_penetration - 1, 0) + np.maximum(force / problem.most_force - 1, 0)
-    score = np.where(np.isfinite(objective), objective - PENALTY * excess, -np.inf)
+    score = np.where(np.isfinite(objective), objective - PENALTY * problem.scale * excess, -np.inf)
     ci = (ci if is_reduction(problem.of) else 100 * ci / problem.free).reshape(shape)
     return DesignJudgement(score, objective, P_d, ci, v, force, number.reshape(shape))
 

@@ -256,14 +256,15 @@ def _perturbed_start(scene: Scene, random: np.random.Generator) -> State:
     return states_apart(scene, motion)
 
 
-def checks_agree(judgement: DesignJudgement, checks: dict[str, DesignJudgement]) -> bool:
-    """Whether every check has the same objective within the intervals, and keeps the limits."""
+def checks_agree(judgement: DesignJudgement, checks: dict[str, DesignJudgement], scale: float = 1.0) -> bool:
+    """Whether every check has the same objective within the intervals, and keeps the limits; see `Problem.scale`."""
 
     def interval(judged):
         return float(np.sqrt(np.nanmean(judged.ci[0] ** 2))) if np.isfinite(judged.ci).any() else 0.0
 
     for check in checks.values():
-        allowed = MAX_DIFFERENCE + interval(judgement) + interval(check)
-        if not check.keeps(LIMIT_MARGIN)[0] or not abs(check.objective[0] - judgement.objective[0]) <= allowed:
+        allowed = MAX_DIFFERENCE * scale + interval(judgement) + interval(check)
+        kept = check.keeps(LIMIT_MARGIN * scale)[0]
+        if not kept or not abs(check.objective[0] - judgement.objective[0]) <= allowed:
             return False
     return bool(judgement.keeps()[0])

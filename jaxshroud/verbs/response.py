@@ -23,7 +23,7 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.keys import find_key
 from jaxshroud.scene.layout import Layout
-from jaxshroud.scene.quantities import DISPLACEMENTS, counted_amplitude
+from jaxshroud.scene.quantities import counted_amplitude, free_name
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of, vary, with_numbers
@@ -113,17 +113,15 @@ def _peak_in(value: float, level: float, ends: tuple[float, float]) -> PeakOfSwe
 
 def free_peak(scene: Scene, along: str, low: float, high: float, of: str) -> PeakOfSweep:
     """Where an amplitude without contact is largest in a range of a number, and that amplitude."""
-    name, kind = of.split("_")
-    row = DISPLACEMENTS.index(name)
-    share = 1.0 if kind == "peak" else np.sqrt(0.5)
+    names = (of.partition("_")[0],)
     numbered, values, at, level = with_numbers(scene, [along]), np.array([low, high]), low, 0.0
     for _ in range(FREE_ZOOMS):
         values = np.linspace(values[0], values[-1], FREE_VALUES)
-        every = free_amplitudes(scenes_at(numbered, [along], values[:, None]))[row]
-        levels = counted_amplitude(every, scene.layout)
+        every = free_amplitudes(scenes_at(numbered, [along], values[:, None]), names)
+        levels = counted_amplitude(every[free_name(of)], scene.layout)
         top = int(levels.argmax())
         at, level, values = float(values[top]), float(levels[top]), values[max(top - 1, 0) : top + 2]
-    return _peak_in(at, level * share, (low, high))
+    return _peak_in(at, level, (low, high))
 
 
 MOST_POINTS = 4_000  # of a branch in one direction, if it goes on to the ends of its range

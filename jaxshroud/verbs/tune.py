@@ -97,8 +97,9 @@ def tune(
         of: By default P_d, and of a scene with a mean load or interference P_d_vibration, of which no coexisting
             motions are looked for: "P_d", in a row also "P_d_worst", or what is to be small: "P", or an amplitude of
             the left blade, "x_peak" or another of `gradient` (of a mean its magnitude; of a row no mean). It is judged
-            by its reduction in percent below `Tuned.free`, a constant: P_0 of the scene, or its RMS displacement
-            without contact. This reduction is then meant by P_d everywhere; `Tuned.level` is the quantity itself.
+            by its reduction in percent below `Tuned.free`, a constant: what it is in the scene without contact, of a
+            displacement on which no load works the RMS displacement of the block. This reduction is then meant by P_d
+            everywhere; `Tuned.level` is the quantity itself.
             Slopes of peaks are taken across a neighbourhood.
         linear: "apart" or "stuck": in closed form, of contact that stays in this state; a design whose
             contact leaves it is not feasible. By default where the contact of all designs of the scan does, see
@@ -224,8 +225,9 @@ def _search(
         "scanned_scores": scanned.score,
         "scanned_ci": _objective_ci(problem, scanned),
         "periods": periods,
-        "confirmed": checks_agree(judgement, checks),
-        "feasible": judgement.keeps()[0] and all(checks[name].keeps(LIMIT_MARGIN)[0] for name in SAME_START_CHECKS),
+        "confirmed": checks_agree(judgement, checks, problem.scale),
+        "feasible": judgement.keeps()[0]
+        and all(checks[name].keeps(LIMIT_MARGIN * problem.scale)[0] for name in SAME_START_CHECKS),
         **{f"check_{name}": [getattr(c, name)[0] for c in checks.values()] for name in DesignJudgement._fields},
     }
     robust_values, coords = robustness(problem, design, robust_request, ticker) if robust_request else ({}, {})
