@@ -261,7 +261,7 @@ def test_a_fit_that_the_noise_contradicts_claims_nothing(known):
     for probability, claims in ((0.005, False), (0.02, True)):
         sigma = 0.02 * np.sqrt(found.chi2 / chi2.isf(probability, found.freedom))
         scaled = data._replace(sigma=np.full(exact.shape, sigma), sigma_is_known=known)
-        again = estimate_at(misfit_of(line, scaled), [Minimum(found.u, found.chi2 * (0.02 / sigma) ** 2)])
+        again = estimate_at(misfit_of(line, scaled), [Minimum(found.u, float(found.chi2 * (0.02 / sigma) ** 2))])
         told = findings(again, ("a", "b"), profiles(again), lambda u: u, is_history=True)
         assert told.determined == [claims, claims]
         assert any("times the noise that" in note for note in told.notes) == (not claims)

@@ -31,7 +31,7 @@ from jaxshroud.io.measurements import measurements_from
 from jaxshroud.verbs import fit as verb
 from jaxshroud.verbs.arguments import resolve_options
 from jaxshroud.verbs.fit import fit_problem
-from jaxshroud.verbs.fit_models import fit_corners, model_of
+from jaxshroud.verbs.fit_models import HistoryModel, fit_corners, model_of
 from jaxshroud.verbs.lanes import with_tangents
 
 HISTORIES, SEEDS, DRAWN = 40, 1, (101, 102, 103)
@@ -53,8 +53,9 @@ def truth_of(history: History) -> Truth:
     data = measurements_from(history.table)
     problem = fit_problem(history.scene, data, history.bounds)
     march = with_tangents(resolve_options(history.scene, method=METHOD), fit_corners(problem))
-    model = model_of(problem, data, march, 1).refined()
-    _, slopes = model(problem.cube(np.array([[*history.truth.values()]])))
+    model = model_of(problem, data, march, 1)
+    assert isinstance(model, HistoryModel)
+    _, slopes = model.refined()(problem.cube(np.array([[*history.truth.values()]])))
     slopes = (slopes[0] / history.sigma[:, None]).reshape(-1, len(history.truth))
     half = norm.ppf(0.975) * np.sqrt(np.diag(np.linalg.pinv(slopes.T @ slopes)))
     return Truth(float(np.sum(((history.exact - data.values) / history.sigma) ** 2)), half)
