@@ -27,10 +27,9 @@ from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.keys import ALL_KEYS, key_in
+from jaxshroud.scene.ranges import ranges_hold
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
-from jaxshroud.scene.vary import fields_of, inputs_of
 
 
 def replaced_where(stopped: Bool[Array, "..."], tree: Tree, number: float) -> Tree:
@@ -162,11 +161,9 @@ def admit(scene: Scene, state: State, steps: int, method: Choices) -> Admitted:
 
 @kept("tableau")
 def _admitted(scene: Scene, state: State, steps: Int[Array, ""], tableau: Tableau | TaylorOptions) -> Admitted:
-    numbers = {**fields_of(scene), **inputs_of(scene)}
-    ranges = [jnp.all(key_in(ALL_KEYS[key], scene.layout).range.holds(value)) for key, value in numbers.items()]
     starts = [jnp.all(jnp.isfinite(a)) for a in jax.tree.leaves((state.motion, state.u_s))]
     step = judge_step(scene, steps, tableau)
-    good = reduce(jnp.logical_and, [*ranges, *starts, step.stable])
+    good = reduce(jnp.logical_and, [ranges_hold(scene), *starts, step.stable])
     scene, state = replaced_where(~good, (scene, state), 1.0)
     start = eqx.tree_at(lambda state: state.motion.x, state, jnp.where(good, state.motion.x, jnp.nan))
     return Admitted(scene, state, start, good, step.coarseness)

@@ -6,12 +6,14 @@ length of the face, and have no such entries.
 """
 
 from collections.abc import Iterable, Mapping
+from functools import reduce
+from operator import and_
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.checks import InputError, told_apart
 from jaxshroud.scene.keys import POINT_ENTRY
 
 MIN_POINTS, MAX_POINTS = 2, 16
@@ -47,26 +49,52 @@ def check_number_of_points(number: int) -> None:
         raise InputError(f"must be from {MIN_POINTS} to {MAX_POINTS} points, or left out, so that a corner touches")
 
 
-def check_shares(shares: NDArray[np.float64], number: int) -> None:
+def shares_hold(shares: Any) -> Any:
+    """Whether the shares (..., points) of each scene are not negative and sum to 1, by NumPy or JAX."""
+    return (shares >= 0).all(-1) & _sum_to_1(shares.sum(-1))
+
+
+def _sum_to_1(total: Any) -> Any:
+    return abs(total - 1) <= _rounding(total)
+
+
+def places_hold(lengths: Iterable[Any], l_ab: Any) -> Any:
+    """Whether points at places [m] lie on a face of that length [m], by NumPy or JAX."""
+    return reduce(and_, (_is_on_face(place, l_ab) for place in lengths))
+
+
+def _is_on_face(place: Any, l_ab: Any) -> Any:
+    return abs(place) <= l_ab / 2 * (1 + _rounding(l_ab))
+
+
+def _rounding(number: Any) -> float:
+    """The relative rounding that counts as none, in the precision of an array."""
+    return max(1e-9, 8 * float(np.finfo(number.dtype).eps))
+
+
+def check_shares(shares: NDArray[np.floating], number: int) -> None:
     """Raise InputError unless these are the shares of so many points."""
     if shares.shape[-1:] != (number,):
         raise InputError(f"[contact] shares has {shares.size} numbers for {number} points; give one for each.")
     if not (shares >= 0).all():
         raise InputError(f"[contact] shares must not be negative, but one is {np.min(shares):g}; give positive ones.")
     total = np.sum(shares, axis=-1)
-    if not (np.abs(total - 1) <= 1e-9).all():
-        raise InputError(f"[contact] shares sum to {float(np.ravel(total)[0]):g}, not to 1; scale them.")
+    if not (holds := _sum_to_1(total)).all():
+        raise InputError(f"[contact] shares sum to {told_apart(float(total[~holds][0]), 1.0)}, not to 1; scale them.")
 
 
 def check_places(lengths: Iterable[Any], l_ab: Any) -> None:
     """Raise InputError unless points at these places [m], of many scenes or of one, lie on faces of that length [m]."""
-    for place in lengths:
-        reach, end = np.broadcast_arrays(np.abs(np.asarray(place)), np.asarray(l_ab) / 2)
-        beyond = ~(reach <= end * (1 + 1e-9))
+    for m, place in enumerate(lengths):
+        one, length = np.broadcast_arrays(np.asarray(place, float), np.asarray(l_ab))
+        if not np.isfinite(one).all():
+            raise InputError(f"contact.{place_entry(m)} must be a finite number, but is {one[~np.isfinite(one)][0]}.")
+        beyond = ~np.asarray(_is_on_face(one, length))
         if beyond.any():
-            longest, end = (float(a[beyond][0]) for a in (reach, end))
+            reach, end = float(abs(one[beyond][0])), float(length[beyond][0]) / 2
             raise InputError(
-                f"[contact] points has a place {longest:g} m from the middle of the face, beyond its end at {end:g} m."
+                f"[contact] points has a place {told_apart(reach, end)} m from the middle of the face, beyond its end "
+                f"at {end:g} m."
             )
 
 

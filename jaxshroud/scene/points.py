@@ -61,9 +61,11 @@ class ContactPoints(eqx.Module):
         return {} if self.scale_with_face else {place_entry(m): place for m, place in enumerate(self.places)}
 
     def check_on(self, l_ab: Any) -> None:
-        """Raise InputError unless the points lie on a face of that length [m]; traced numbers pass."""
-        if not is_traced((self.places, l_ab)) and not self.scale_with_face:
-            check_places(self.places, l_ab)
+        """Raise InputError unless the points, and their shares, are those of a face of that length [m]; traced pass."""
+        if not is_traced((self.places, l_ab)):
+            check_places(self.lengths(l_ab), l_ab)
+        if not is_traced(self.shares):
+            check_shares(np.asarray(self.shares), self.number)
 
     def as_given(self) -> dict[str, Any]:
         """The points of one scene as a file gives them, without the places of `by_entry`."""

@@ -206,10 +206,10 @@ class Scene(eqx.Module):
             require_capability(OWN_LAWS, self.layout)
         check_numbers("initial", self.initial)
         self._check_shapes()
-        self._check_speed()
         for key, value in self.given.items():
             if value is not None:
                 check_number(key_in(ALL_KEYS[key], self.layout), value, self.layout)
+        self._check_speed()
 
     def _require_equilibrium(self) -> None:
         """Raise an InputError unless static equilibria of such a scene are known."""

@@ -23,6 +23,7 @@ from jaxshroud.scene.checks import DEFAULT_TRANSIENT, InputError, count_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import ALL_KEYS, number_shape
 from jaxshroud.scene.layout import NO_CONTACT, require_capability, require_points, require_steps
+from jaxshroud.scene.ranges import check_ranges
 from jaxshroud.scene.scene import Scene, with_plain_orders
 from jaxshroud.scene.schema import RunTable
 from jaxshroud.scene.sector import require_sector
@@ -82,6 +83,7 @@ def one_scene(verb: str, scene: Scene | SceneFile) -> Scene:
     check_verb(verb, scene)
     scene = scene.scene if isinstance(scene, SceneFile) else scene
     refuse_traced(scene)
+    check_ranges(scene)
     require_sector(scene)
     shape = np.shape(scene.drive.omega)
     if shape:
@@ -249,6 +251,7 @@ def resolve_options(
     count_argument("n_periods", n_periods, 1)
     count_argument("transient", transient, 0)
     shape = leading_axes(scenes)
+    check_ranges(scenes)
     require_sector(scenes)
     if isinstance(method, str | float) and not is_tried(scenes) and _is_examined(scenes):
         warnings.warn(str(choice_without_trial(method, True, scenes)), AccuracyWarning, stacklevel=4)
