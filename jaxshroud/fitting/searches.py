@@ -10,6 +10,7 @@ is a third longer.
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -42,12 +43,12 @@ def evaluations_of_search(points: int) -> int:
 
 def lengthened(misfit: Misfit, u: np.ndarray, rng: np.random.Generator) -> Points:
     """The points (points, keys) after a search, those with the least chi^2 of the whole record first."""
-    *parts, whole = parts_of_record(misfit.samples)
-    count, shortest = len(u), min([*parts, whole])
-    for samples, longer in zip(parts, [*parts[1:], whole], strict=True):
+    parts = parts_of_record(misfit.samples)
+    count = len(u)
+    for samples, longer in pairwise(parts):
         points = _descended(misfit, u, samples, STEPS)
-        u = _drawn_anew(points, samples * misfit.channels, math.ceil(count * math.sqrt(shortest / longer)), rng)
-    return _descended(misfit, u, whole, LAST_STEPS)
+        u = _drawn_anew(points, samples * misfit.channels, math.ceil(count * math.sqrt(parts[0] / longer)), rng)
+    return _descended(misfit, u, parts[-1], LAST_STEPS)
 
 
 def _descended(misfit: Misfit, u: np.ndarray, samples: int, steps: int) -> Points:

@@ -113,7 +113,8 @@ def problem_of(
     check_bounds(over, scene)
     check_objective(of, scene)
     free, amplitude = free_level(of, scene), amplitude_of(of)
-    scale = 1.0 if amplitude is None else max(block_level(amplitude, scene) / free, 1.0)
+    moves = amplitude is not None and free > 0
+    scale = max(block_level(amplitude, scene) / free, 1.0) if moves else 1.0
     compared = {"of": of, "free": free, "scale": scale}
     shared = set(over) & set(conditions)
     if shared:

@@ -284,6 +284,7 @@ def test_files_hold_the_share(method):
     assert method.replace(precision="float32").flat_return == method.flat_return
 
 
+@pytest.mark.full
 def test_an_accuracy_sets_the_share():
     row = js.load("row_ring12").scene
     shares = [choice_without_trial(level, True, row).method.flat_return for level in (1e-3, 1e-6, 1e-9)]

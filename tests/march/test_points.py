@@ -62,6 +62,7 @@ def ends_of(run):
     return np.stack(run.motion, axis=1)[METHOD.steps :: METHOD.steps]
 
 
+@pytest.mark.full(but=["pair"])
 @pytest.mark.parametrize(
     "scene",
     [scene_with(2, *LIGHT), scene_with(3, *CHAIN, name="row_ring12")],
