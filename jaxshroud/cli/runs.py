@@ -67,17 +67,25 @@ def _output_run(completed: CompletedCall) -> None:
         "samples": len(run.t),
         "status": Status(run.status).name,
         "events": ", ".join(f"{np.sum(n)} {name}" for name, n in run.counters.items() if np.any(n)) or "none",
+        **energy_rows(run),
+    }
+    print_result(completed, rows)
+
+
+def energy_rows(run: Any) -> dict[str, str]:
+    """What the energy balance of a run leaves open, and what beginnings of flat contact dropped."""
+    return {
         "energy residual": f"{run.energy_residual:.1e} of the drive's work",
         "energy dropped": f"{run.energy_dropped:.1e} of the drive's gross work, where flat contact began",
     }
-    print_result(completed, rows)
 
 
 def _output_diagnosis(completed: CompletedCall) -> None:
     write_files(completed)
     from jaxshroud.plotting.plot_diagnosis import diagnosis_rows
 
-    print_result(completed, {**diagnosis_rows(completed.result), "evidence": completed.result.evidence})
+    rows = {**diagnosis_rows(completed.result), **energy_rows(completed.result)}
+    print_result(completed, {**rows, "evidence": completed.result.evidence})
 
 
 def _power_arguments(file: SceneFile, options: argparse.Namespace) -> Mapping[str, Any]:

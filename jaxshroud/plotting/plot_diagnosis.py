@@ -117,7 +117,6 @@ class DiagnosisResult(Protocol):
     time_stick: float | np.ndarray
     time_slip: float | np.ndarray
     energy_residual: float
-    energy_dropped: float
 
     @property
     def has_multipliers(self) -> bool:
@@ -279,8 +278,6 @@ def diagnosis_rows(result: object) -> dict[str, str]:
     if np.isfinite(diagnosis.largest_force):
         rows["largest force"] = f"{diagnosis.largest_force:.4g} N"
         rows["friction power"] = f"{diagnosis.powers.get('friction', 0.0):.3g} W"
-    if diagnosis.energy_dropped > 0:
-        rows["energy dropped"] = f"{diagnosis.energy_dropped:.1e} of the gross work"
     return rows
 
 

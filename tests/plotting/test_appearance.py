@@ -107,7 +107,6 @@ def diagnosis():
         "P_d_ci": 8 / np.sqrt(n),
         "P_d_settled": True,
         "energy_residual": 3e-6,
-        "energy_dropped": 2e-7,
     }
     times = {"time_apart": 0.563, "time_stick": 0.144, "time_slip": 0.293, "multipliers": np.exp(1j * n[:6]) / 2}
     means = {"powers": {"drive": 2.09, "viscous": 0.803, "friction": 1.29}}

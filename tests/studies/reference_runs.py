@@ -548,7 +548,7 @@ def traded() -> Iterator[Run]:
     def does(given: Given) -> Values:
         measure, setting = (
             import_module("jaxshroud.verbs.trade").measure_settings,
-            import_module("jaxshroud.verbs.plan").Setting,
+            import_module("jaxshroud.verbs.asked").Setting,
         )
         ways = [setting(*way) for way in (("rk4", "cubic", "float64", 0.5), ("rk4", "none", "float64", 0.5))]
         scene = given.scene("table1", "contact.gamma=2.5", "drive.F_0=60")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.plotting.plot_diagnosis import diagnosis_rows
+from jaxshroud.cli.runs import energy_rows
 
 pytestmark = pytest.mark.full
 
@@ -29,4 +29,4 @@ def test_power_and_sweep_tell_the_same_drop_over_gross_work(light):
 def test_a_diagnosis_tells_the_drop(light):
     found = js.diagnose(light, transient=8, method=COARSE)
     assert found.energy_dropped > 0
-    assert diagnosis_rows(found)["energy dropped"].endswith("of the gross work")
+    assert energy_rows(found)["energy dropped"].startswith(f"{found.energy_dropped:.1e} of the drive's gross work")
