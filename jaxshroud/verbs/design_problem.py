@@ -113,8 +113,7 @@ def problem_of(
     check_bounds(over, scene)
     check_objective(of, scene)
     free, amplitude = free_level(of, scene), amplitude_of(of)
-    moves = amplitude is not None and free > 0
-    scale = max(block_level(amplitude, scene) / free, 1.0) if moves else 1.0
+    scale = max(block_level(amplitude, scene) / free, 1.0) if amplitude is not None and free > 0 else 1.0
     compared = {"of": of, "free": free, "scale": scale}
     shared = set(over) & set(conditions)
     if shared:

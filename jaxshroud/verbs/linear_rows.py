@@ -32,15 +32,15 @@ from jaxshroud.scene.vary import with_numbers
 from jaxshroud.signals.waves import LargestAmplitude, RowResponses
 from jaxshroud.verbs.mistuned_rows import MistunedRow, PatternProblem, PatternSlopes
 
-NODES = 32, 8  # of polynomials between the neighbours of the largest value, and close to the peak that these have
-LOOK, CLOSE = 129, 4  # values at which the first are looked at, and how many of these to either side are close
-ZOOMS, ZOOM_VALUES = 4, 33  # closer looks at the second
+PEAK_NODES = 32, 8  # of polynomials between the neighbours of the largest value, and close to the peak that these have
+LOOK, NEAR_PEAK = 129, 4  # values at which the first are looked at, and how many of these to either side are close
+CLOSER_LOOKS, ZOOM_VALUES = 4, 33  # closer looks at the second
 AT_ONCE = 4  # patterns
 NUMBERS_PER_CALL = 1 << 12  # of which amplitudes are found
-TIE = 1e-6  # relative distance of two amplitudes, or slopes, that count as one
+TIED = 1e-6  # relative distance of two amplitudes, or slopes, that count as one
 TURNED = 1e-6  # relative rate up to which a phase is one at which a number turns
 
-Waves = dict[int, np.ndarray]  # complex amplitudes by order
+WavesByOrder = dict[int, np.ndarray]  # complex amplitudes by order
 
 
 def linear_problem(
@@ -55,13 +55,13 @@ def linear_problem(
     """
     amplitude, numbered = amplitude_of(row.of), with_numbers(row.scene, [row.along])
     assert amplitude is not None  # which `of` is
-    cost = len(row.values) + sum(NODES) + 1
+    cost = len(row.values) + sum(PEAK_NODES) + 1
 
     def at(values: FloatArray, moving: np.ndarray | None = None) -> LinearSystem:
         scenes = without_given(scenes_at(numbered, [row.along], np.ravel(values)[:, None]))
         return _systems(scenes, contact, amplitude.row, moving)
 
-    def levels(waves: Waves) -> FloatArray:
+    def levels(waves: WavesByOrder) -> FloatArray:
         return _levels(waves, amplitude.measure)
 
     whole = at(row.values)
@@ -80,7 +80,7 @@ def linear_problem(
         waves = in_threads(lambda _, pattern: linear_waves(everywhere, pattern), patterns)
         level = levels({n: np.stack([one[n] for one in waves]) for n in everywhere.loads})
 
-        def waves_at(values: FloatArray) -> Waves:
+        def waves_at(values: FloatArray) -> WavesByOrder:
             every = np.repeat(patterns, values.shape[1], axis=0)
             found = linear_waves(at(values, moving), every)
             return {n: a.reshape(*values.shape, -1) for n, a in found.items()}
@@ -111,7 +111,7 @@ def _systems(scenes: Any, contact: NaturalContact, coordinate: int, moving: np.n
     return in_chunks(chunk, len(scenes.drive.omega), LANES_PER_CALL)
 
 
-def _levels(waves: Waves, measure: str) -> FloatArray:
+def _levels(waves: WavesByOrder, measure: str) -> FloatArray:
     """The peaks or root mean squares of numbers with these complex amplitudes, of any shape."""
     shape = next(iter(waves.values())).shape
     flat = {n: a.ravel() for n, a in waves.items()}
@@ -130,8 +130,8 @@ def _kept_levels(waves: dict[int, Any], measure: str) -> Any:
 def _peak_values(
     values: FloatArray,
     level: FloatArray,
-    waves_at: Callable[[FloatArray], Waves],
-    levels: Callable[[Waves], FloatArray],
+    waves_at: Callable[[FloatArray], WavesByOrder],
+    levels: Callable[[WavesByOrder], FloatArray],
 ) -> FloatArray:
     """Where, about the largest amplitude (n, values, N) of each pattern, the largest of all blades has its peak.
 
@@ -147,9 +147,9 @@ def _peak_values(
     order = np.sort(values)
     place = np.searchsorted(order, values[level.max(axis=-1).argmax(axis=1)])
     ends = order[np.maximum(place - 1, 0)], order[np.minimum(place + 1, len(order) - 1)]
-    _, ends = _about_largest(ends, LOOK, CLOSE, _between(ends, NODES[0], waves_at, levels))
-    at, value = _between(ends, NODES[1], waves_at, levels), ends[0]
-    for _ in range(ZOOMS):
+    _, ends = _about_largest(ends, LOOK, NEAR_PEAK, _between(ends, PEAK_NODES[0], waves_at, levels))
+    at, value = _between(ends, PEAK_NODES[1], waves_at, levels), ends[0]
+    for _ in range(CLOSER_LOOKS):
         value, ends = _about_largest(ends, ZOOM_VALUES, 1, at)
     return value
 
@@ -157,8 +157,8 @@ def _peak_values(
 def _between(
     ends: tuple[FloatArray, FloatArray],
     nodes: int,
-    waves_at: Callable[[FloatArray], Waves],
-    levels: Callable[[Waves], FloatArray],
+    waves_at: Callable[[FloatArray], WavesByOrder],
+    levels: Callable[[WavesByOrder], FloatArray],
 ) -> Callable[[FloatArray], FloatArray]:
     """The amplitudes between ends (n,), by polynomials of the waves through so many Chebyshev nodes."""
     chebyshev = np.polynomial.chebyshev
@@ -191,17 +191,17 @@ def _slope(system: LinearSystem, pattern: FloatArray, measure: str) -> tuple[Flo
     waves = linear_waves(system, pattern)
     candidates = _peak_candidates(waves) if measure == "peak" else _rms_candidates(waves)
     largest = max(level for level, _, _ in candidates)
-    tied = [one for one in candidates if one[0] >= (1 - TIE) * largest]
+    tied = [one for one in candidates if one[0] >= (1 - TIED) * largest]
     by_blade = {blade: wave_slopes(system, pattern, blade) for blade in {blade for _, blade, _ in tied}}
     every = [np.sum([(shares[n] * a).real for n, a in by_blade[blade].items()], axis=0) for _, blade, shares in tied]
     first = every[int(np.argmax([level for level, _, _ in tied]))]
-    return first, any(np.abs(other - first).max() > TIE * np.abs(first).max() for other in every)
+    return first, any(np.abs(other - first).max() > TIED * np.abs(first).max() for other in every)
 
 
 Candidate = tuple[float, int, dict[int, Any]]  # level, blade, and the numbers by which slopes of its waves count
 
 
-def _rms_candidates(waves: Waves) -> list[Candidate]:
+def _rms_candidates(waves: WavesByOrder) -> list[Candidate]:
     """The root mean square of each blade."""
     level = np.sqrt(np.sum([np.abs(a) ** 2 for a in waves.values()], axis=0) / 2)
     return [
@@ -210,14 +210,14 @@ def _rms_candidates(waves: Waves) -> list[Candidate]:
     ]
 
 
-def _peak_candidates(waves: Waves) -> list[Candidate]:
+def _peak_candidates(waves: WavesByOrder) -> list[Candidate]:
     """The distances from their means at which the displacements of blades turn."""
     phase, course, rate = (np.asarray(a) for a in _turns(waves))
     level, sign = np.abs(course), np.sign(course)
     turns = (np.abs(rate) <= TURNED * level) | (level == level.max())
     return [
         (float(level[k, i]), int(i), {n: -1j * sign[k, i] * np.exp(1j * n * phase[k, i]) for n in waves})
-        for k, i in np.argwhere(turns & (level >= (1 - TIE) * level.max()))
+        for k, i in np.argwhere(turns & (level >= (1 - TIED) * level.max()))
     ]
 
 
