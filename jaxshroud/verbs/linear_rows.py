@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.periods import LANES_PER_CALL
-from jaxshroud.batch.threads import in_chunks, in_threads
+from jaxshroud.batch.threads import in_chunks
 from jaxshroud.cache.programs import kept
 from jaxshroud.model.linear_systems import (
     LinearSystem,
@@ -77,7 +77,7 @@ def linear_problem(
 
     def _responses(patterns: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The amplitudes (n, values, N) of n patterns, and where their peaks lie, with the amplitudes there."""
-        waves = in_threads(lambda _, pattern: linear_waves(everywhere, pattern), patterns)
+        waves = [linear_waves(everywhere, pattern) for pattern in patterns]
         level = levels({n: np.stack([one[n] for one in waves]) for n in everywhere.loads})
 
         def waves_at(values: FloatArray) -> WavesByOrder:

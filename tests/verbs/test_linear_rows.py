@@ -189,7 +189,7 @@ def test_a_search_tells_its_ties(tmp_path):
     assert found.search_amplification[-1] >= found.search_amplification[0]
     assert found.summary()["search"]["slopes at ties"] == found.search_ties >= 0
     found.save(tmp_path / "mistuned.nc")
-    assert js.open(tmp_path / "mistuned.nc").search_ties == found.search_ties
+    assert js.open(tmp_path / "mistuned.nc").search_ties == found.search_ties  # pyright: ignore[reportAttributeAccessIssue]
 
 
 STUCK = ("shroud.gap=-0.4 mm", "drive.level=0.02", "drive.F_x_mean=0", 'initial.start="static"')
