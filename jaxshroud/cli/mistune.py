@@ -156,8 +156,9 @@ def _search_rows(result: Mistuned) -> dict[str, str]:
         return {}
     unit = "solutions" if result.linear else "lane-periods"
     by_gradient, by_chance = result.search_amplification[-1], result.random_amplification[-1]
+    ties = f"; {result.search_ties} slopes at ties" if result.search_ties else ""
     return {
-        "worst by gradient": f"{by_gradient:.4g}, after {result.search_cost[-1]:g} {unit}",
+        "worst by gradient": f"{by_gradient:.4g}, after {result.search_cost[-1]:g} {unit}{ties}",
         "by random patterns": f"{by_chance:.4g}, at equal cost",
     }
 

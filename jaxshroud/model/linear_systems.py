@@ -1,17 +1,16 @@
 """The steady response of blades as one linear system.
 
 Blades act on each other by their coupling alone, where they do not touch, or by contact that stays in one state at all
-interfaces of a row: then it is the response to the only harmonic of the drive.
+interfaces of a row.
 """
 
-from types import ModuleType
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Complex, Float, Int
+from jaxtyping import Array, Complex, Float
 
 from jaxshroud.cache.programs import kept
 from jaxshroud.model.arithmetic import Scalar
@@ -138,10 +137,12 @@ def touching_gradients(scene: Scene) -> tuple[Float[Array, "..."], Float[Array, 
 class LinearSystem(NamedTuple):
     """A row as one linear system in the n directions in which its blocks can move; arrays start with axes of lanes."""
 
-    real: Any  # (n, n) K - omega^2 M without mistuning
-    imaginary: Any  # (n, n) omega C
-    mistuned: Any  # (n, blades) what the mistuning of a blade adds to the diagonal
-    load: tuple[Any, Any]  # (n,) in phase and in quadrature
+    stiffness: Any  # (n, n) without mistuning
+    damping: Any  # (n, n)
+    mass: Any  # (n,)
+    mistuned: Any  # (n, blades) what the mistuning of a blade adds to the diagonal of the stiffness
+    omega: Any  # () frequency of the drive
+    loads: dict[int, tuple[Any, Any]]  # (n,) in phase and in quadrature, by order
     coordinate: Any  # (blades, n) the displacements that are asked for
 
 
@@ -156,56 +157,88 @@ def linear_systems(scenes: Scene, contact: NaturalContact, coordinate: int) -> L
 
     Source:
         Eq. (1) with the stiffness K of the blades, of their coupling, and of `contact_stiffness`. Preload, offsets of
-        sliders and mean displacements are not in it.
+        sliders and mean displacements are not in it. Mistuning does not change how stiffnesses grow with the speed.
     """
 
     def one(scene: Scene) -> LinearSystem:
-        ((order, load),) = drive_loads(scene).items()
-        system, omega = linear_contact(scene, touching_gradients(scene)), scene.drive.frequency(order)
-        free = jnp.asarray(free_directions(system.moves, contact, scene.contact.points is None), omega.dtype)
-
-        def diagonal(numbers):
-            return jnp.diag(numbers @ free**2)  # no coordinate is in two directions
-
-        coupling, damping = free.T @ contact_stiffness(system, contact) @ free, diagonal(system.damping)
-        if system.coupled is not None:
-            coupling = coupling + free.T @ system.coupled.stiffness @ free
-            damping = damping + free.T @ system.coupled.damping @ free
-        in_phase, quadrature = load
-        blades = scene.blades.m.shape[-1]
-        each = jnp.tile(jnp.eye(blades, dtype=omega.dtype), (3, 1))
+        system, b = linear_contact(scene, touching_gradients(scene)), scene.blades
+        free = jnp.asarray(free_directions(system.moves, contact, scene.contact.points is None), b.m.dtype)
+        each = jnp.tile(jnp.eye(b.m.shape[-1], dtype=b.m.dtype), (3, 1))
+        own = jnp.concatenate([b.k_x, b.k_y, b.k_T])
         return LinearSystem(
-            coupling + diagonal(system.stiffness) - omega**2 * diagonal(system.mass),
-            omega * damping,
-            (free**2).T @ (system.stiffness[:, None] * each),
-            (in_phase @ free, quadrature @ free),
-            free.reshape(3, blades, -1)[coordinate],
+            stiffness=free.T @ (contact_stiffness(system, contact) + system.own_stiffness) @ free,
+            damping=free.T @ system.own_damping @ free,
+            mass=system.mass @ free**2,  # no coordinate is in two directions
+            mistuned=(free**2).T @ (own[:, None] * each),
+            omega=scene.drive.omega,
+            loads={n: (in_phase @ free, quadrature @ free) for n, (in_phase, quadrature) in drive_loads(scene).items()},
+            coordinate=free.reshape(3, b.m.shape[-1], -1)[coordinate],
         )
 
     return jax.vmap(one)(scenes)
 
 
-def linear_amplitudes(system: LinearSystem, mistuning: Any, xp: ModuleType = np) -> Any:
-    """The amplitudes of rows with patterns of mistuning (..., blades), by NumPy or JAX.
+def moving_directions(systems: LinearSystem) -> np.ndarray:
+    """Whether each direction (n,) acts on the displacements that are asked for, in any of some systems (leading axis).
 
-    They are |(K - omega^2 M + i omega C)^-1 Q|. Leading axes of the systems and of the patterns broadcast.
+    Blades that do not touch have coordinates that do not act on each other.
     """
-    of_parts = lax.complex if xp is jnp else lambda real, imaginary: real + 1j * imaginary
-    added = (system.mistuned @ mistuning[..., None])[..., 0]
-    stiff = system.real + added[..., None] * np.eye(added.shape[-1], dtype=added.dtype)
-    matrix = of_parts(stiff, xp.broadcast_to(system.imaginary, stiff.shape))
-    load = xp.broadcast_to(of_parts(*system.load), stiff.shape[:-1])
-    response = xp.linalg.solve(matrix, load[..., None])
-    return xp.abs(system.coordinate.astype(response.dtype) @ response)[..., 0]
+    linked = np.any((systems.stiffness != 0) | (systems.damping != 0), axis=0)
+    wanted: np.ndarray = np.any(systems.coordinate != 0, axis=(0, 1))
+    for _ in wanted:
+        wanted = wanted | linked[wanted].any(axis=0) | linked[:, wanted].any(axis=1)
+    return wanted
 
 
-@kept()
-def linear_slopes(
-    systems: LinearSystem, mistuning: Float[Array, "n blades"], blade: Int[Array, " n"]
-) -> Float[Array, "n blades"]:
-    """The derivatives of the amplitude of one `blade` of each row (leading axis) by the mistuning of each blade."""
+def part_of(systems: LinearSystem, directions: np.ndarray) -> LinearSystem:
+    """Systems (leading axis) in some of their directions, on which the others do not act."""
+    return systems._replace(
+        stiffness=systems.stiffness[:, directions][..., directions],
+        damping=systems.damping[:, directions][..., directions],
+        mass=systems.mass[:, directions],
+        mistuned=systems.mistuned[:, directions],
+        loads={n: (re[:, directions], im[:, directions]) for n, (re, im) in systems.loads.items()},
+        coordinate=systems.coordinate[..., directions],
+    )
 
-    def amplitude(delta, system, i):
-        return linear_amplitudes(system, delta, jnp)[i]
 
-    return jax.vmap(jax.grad(amplitude))(mistuning, systems, blade)
+def linear_waves(system: LinearSystem, mistuning: np.ndarray) -> dict[int, np.ndarray]:
+    """The complex amplitudes of the displacements of rows with patterns of mistuning (..., blades), by order.
+
+    They are (K - n^2 omega^2 M + i n omega C)^-1 Q. Leading axes of the systems and of the patterns broadcast.
+    """
+    return {n: _of_blades(system, _answer(system, mistuning, n)) for n in system.loads}
+
+
+def wave_slopes(system: LinearSystem, mistuning: np.ndarray, blade: int) -> dict[int, np.ndarray]:
+    """The derivatives of the complex amplitudes of one blade of a row by the mistuning of each blade, by order.
+
+    Source:
+        The derivative of Z^-1 Q is -Z^-1 (dZ) Z^-1 Q, where Z changes on its diagonal alone.
+    """
+    slopes = {}
+    for n in system.loads:
+        adjoint = np.linalg.solve(_dynamic_stiffness(system, mistuning, n).T, system.coordinate[blade])
+        slopes[n] = -(adjoint * _answer(system, mistuning, n)) @ system.mistuned
+    return slopes
+
+
+def _dynamic_stiffness(system: LinearSystem, mistuning: np.ndarray, order: int) -> np.ndarray:
+    omega = order * np.asarray(system.omega)[..., None]
+    own = (system.mistuned @ mistuning[..., None])[..., 0] - omega**2 * system.mass
+    matrix = system.stiffness + 1j * omega[..., None] * system.damping
+    matrix = np.array(np.broadcast_to(matrix, (*own.shape, own.shape[-1])))
+    place = np.arange(own.shape[-1])
+    matrix[..., place, place] += own
+    return matrix
+
+
+def _answer(system: LinearSystem, mistuning: np.ndarray, order: int) -> np.ndarray:
+    """The complex amplitudes along the directions."""
+    matrix, (in_phase, quadrature) = _dynamic_stiffness(system, mistuning, order), system.loads[order]
+    load = np.broadcast_to(in_phase + 1j * quadrature, matrix.shape[:-1])
+    return np.linalg.solve(matrix, load[..., None])[..., 0]
+
+
+def _of_blades(system: LinearSystem, answer: np.ndarray) -> np.ndarray:
+    return (system.coordinate @ answer[..., None])[..., 0]

@@ -54,6 +54,7 @@ class Mistuned(Result):
     search_cost = Variable("lane-periods, or solutions of a linear row, spent up to an update", "1", ("update",))
     search_amplification = Variable("largest amplification that the gradient has led to", "1", ("update",))
     random_amplification = Variable("largest amplification by random search at that cost", "1", ("update",))
+    search_ties = Attribute(int)  # slopes of the search that were taken where another blade or instant is as large
     of = Attribute(str)  # the amplitude that counts
     along = Attribute(str)  # the key along which rows respond
     linear = Attribute(str)  # the state of contact of a linear row; empty: marched
@@ -174,6 +175,7 @@ class Mistuned(Result):
                 "by random patterns at equal cost": self.random_amplification[-1],
                 "cost": self.search_cost[-1],
                 "unit of cost": "solutions" if self.linear else "lane-periods",
+                "slopes at ties": self.search_ties,
                 "mistuning": self.searched_mistuning.tolist(),
             }
         }

@@ -244,20 +244,6 @@ def _beside(of_blade: FloatArray, index: np.ndarray) -> FloatArray:
     return np.maximum(padded[rows, index], padded[rows, index + 2])
 
 
-def peak_between(values: FloatArray, amplitude: FloatArray) -> FloatArray:
-    """Where each of n peaks lies, from three values (n, 3) about it and the amplitudes there; within these values.
-
-    Source:
-        About a lightly damped resonance 1 / amplitude^2 is a parabola of the frequency.
-    """
-    (a, b, c), (f, g, h) = values.T, 1 / amplitude.T**2
-    with np.errstate(divide="ignore", invalid="ignore"):  # of values that are one, at an end of a range
-        first, second = (g - f) / (b - a), (h - g) / (c - b)
-        curvature = (second - first) / (c - a)
-        vertex = (a + b) / 2 - first / (2 * curvature)
-    return np.clip(np.where(curvature > 0, vertex, b), a, c)
-
-
 def whitehead_factor(blades: int) -> float:
     """Whitehead's factor (1 + sqrt(N)) / 2: the bound of the amplification of a linear row with one mode per blade."""
     return (1 + math.sqrt(blades)) / 2

@@ -27,11 +27,11 @@ from jaxshroud.signals.statistics import quantile_interval
 from jaxshroud.signals.waves import RowResponses, largest_amplitudes
 from jaxshroud.verbs.arguments import ResolvedOptions, flatten_lanes, one_scene, refuse_traced, resolve_options
 from jaxshroud.verbs.asked import MethodArgument
+from jaxshroud.verbs.linear_rows import linear_problem
 from jaxshroud.verbs.mistuned_rows import (
     MistunedRow,
     PatternProblem,
     SearchSize,
-    linear_problem,
     marched_problem,
     search_worst_pattern,
     swept_responses,
@@ -80,8 +80,8 @@ def mistune(
         direction: "independent": every lane starts from `scene.initial`. "forward" or "backward": each value starts
             from the final state of its neighbour, up or down the range. "both": all three. See `sweep`.
         linear: One state of contact in which all interfaces stay: "apart", "sliding", "stuck" or "corner", see `check`.
-            The row is linear then, its response is in closed form, and the peak between two values counts too. None:
-            rows are marched with all their events; a row without contact is apart.
+            The row is linear then, its response to all harmonics of the drive is in closed form, and the peak between
+            two values counts too. None: rows are marched with all their events; a row without contact is apart.
         scan: Random patterns that are tried first in the search for the worst pattern.
         starts: The best of them, from which paths begin.
         updates: Steps of each path up the gradient; 0: no search. Patterns of the search have a root mean square of at
@@ -125,8 +125,7 @@ def mistune(
     size = search_size(scan, starts, updates, linear, direction)
     patterns = _patterns_of(row, designs, sigmas, n_patterns, seed)
     if linear is not None:
-        run = _Run(linear_problem(row, linear), {"method": f"closed form, {linear}", "steps_per_period": 0})
-        responses = run.problem.respond(patterns)
+        responses, run = _in_closed_form(row, patterns, linear, size, resolved, progress)
     else:
         responses, run = _marched(row, patterns, direction, size, (store, resume), resolved, progress)
     drawn = _Drawn(tuple(designs), np.asarray(sigmas, float), patterns, responses)
@@ -198,9 +197,6 @@ def _state_of_contact(row: MistunedRow, linear: NaturalContact | None, direction
     """The state of contact of a linear row; None: it is marched."""
     if direction != "independent" and (linear is not None or row.scene.parts.contact == "none"):
         raise InputError(f'A linear row has one motion at each value, and no direction "{direction}"; leave it out.')
-    orders = [*row.scene.drive.harmonics()]
-    if len(orders) > 1 and (linear is not None or row.scene.parts.contact == "none"):
-        raise InputError(f"A linear row answers one harmonic, but its drive has those of orders {orders}; sweep it.")
     if row.scene.parts.contact != "none":
         return linear
     if linear not in (None, "apart"):
@@ -237,6 +233,28 @@ def _patterns_of(
     about = mistuned_designs(designs, [0.0], none, layout).reshape(-1, layout.blades)
     drawn = mistuned_designs(designs, sigmas, random_patterns(n_patterns, layout.blades, seed), layout)
     return np.concatenate([none, about, drawn.reshape(-1, layout.blades)])
+
+
+def _in_closed_form(
+    row: MistunedRow,
+    patterns: FloatArray,
+    linear: NaturalContact,
+    size: SearchSize | None,
+    resolved: ResolvedOptions,
+    progress: Progress | None,
+) -> tuple[RowResponses, _Run]:
+    """The responses of linear rows, and how a search runs them; a solution counts as a lane of all periods."""
+    periods, done = resolved.n_periods + resolved.transient, [0]
+
+    def tick(solutions: int) -> None:
+        done[0] += periods * solutions
+        if progress is not None:
+            progress(min(done[0], in_all), in_all)
+
+    problem = linear_problem(row, linear, tick)
+    searched = 0.0 if size is None else problem.cost * size.most_patterns(problem.relative_cost)
+    in_all = periods * (len(patterns) * problem.cost + round(searched))
+    return problem.respond(patterns), _Run(problem, {"method": f"closed form, {linear}", "steps_per_period": 0})
 
 
 def _marched(
@@ -324,4 +342,5 @@ def _search_values(
         "search_cost": found.cost,
         "search_amplification": found.by_gradient / tuned,
         "random_amplification": found.by_chance / tuned,
+        "search_ties": found.ties,
     }

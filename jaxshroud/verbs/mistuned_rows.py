@@ -15,25 +15,26 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.batch.plan import Progress
-from jaxshroud.batch.threads import in_chunks
-from jaxshroud.model.linear_systems import LinearSystem, linear_amplitudes, linear_slopes, linear_systems
-from jaxshroud.model.modes import Status
-from jaxshroud.model.natural_modes import NaturalContact
 from jaxshroud.results.sweep import SweepResult
-from jaxshroud.scene.grids import grid_of_scenes, scenes_at
+from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.layout import Direction
 from jaxshroud.scene.mistuning import random_patterns
-from jaxshroud.scene.quantities import DISPLACEMENTS
-from jaxshroud.scene.scene import Scene, without_given
+from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
 from jaxshroud.scene.vary import vary, with_numbers
-from jaxshroud.signals.waves import LargestAmplitude, RowResponses, largest_amplitudes, peak_between
+from jaxshroud.signals.waves import LargestAmplitude, RowResponses, largest_amplitudes
 from jaxshroud.verbs.sweep import sweep
 
 PATTERN_STEP = 0.5  # of a path, in units of the radius of the ball of patterns
 STEP_GAIN, STEP_LOSS = 1.5, 0.3  # of the step after an update that raises the amplitude, and after one that does not
+
+
+class PatternSlopes(NamedTuple):
+    """The derivatives of the largest amplitudes of n patterns by the mistuning of each blade."""
+
+    by_mistuning: FloatArray  # (n, N)
+    ties: int = 0  # of how many patterns another blade, or another instant, is as large and moves differently
 
 
 class PatternProblem(NamedTuple):
@@ -41,7 +42,7 @@ class PatternProblem(NamedTuple):
 
     values: FloatArray  # of the number along which the response is taken
     respond: Callable[[FloatArray], RowResponses]  # to patterns (n, N)
-    slopes: Callable[[FloatArray, LargestAmplitude], FloatArray]  # of the largest amplitudes, (n, N)
+    slopes: Callable[[FloatArray, LargestAmplitude], PatternSlopes]  # of the largest amplitudes
     cost: int  # of the response to one pattern: lane-periods, or solutions of the linear system
     slope_cost: int  # of the derivatives of one pattern
 
@@ -76,6 +77,7 @@ class PatternSearch(NamedTuple):
     cost: FloatArray  # (updates + 1,) spent after the scan, and after each update
     by_gradient: FloatArray  # (updates + 1,) largest amplitude found so far
     by_chance: FloatArray  # (updates + 1,) largest amplitude of as many random patterns as that costs
+    ties: int  # slopes that were taken where another blade or instant is as large
 
 
 def within_ball(patterns: FloatArray, sigma: float) -> FloatArray:
@@ -104,7 +106,7 @@ def search_worst_pattern(
     scanned = on_sphere(random_patterns(size.scan, blades, seed), sigma)
     levels = problem.largest(scanned).amplitude
     best = np.argsort(-levels, kind="stable")[: size.starts]
-    patterns, cost, found = _ascend(problem, scanned[best], sigma, size)
+    patterns, cost, found, ties = _ascend(problem, scanned[best], sigma, size)
     top = int(np.nanargmax(found[-1]))
     by_gradient = np.maximum.accumulate(np.max(found, axis=1))
     count = math.ceil(cost[-1] / problem.cost)
@@ -114,18 +116,25 @@ def search_worst_pattern(
     so_far = np.maximum.accumulate(levels)
     affordable = np.ceil(cost / problem.cost).astype(int)
     chosen = patterns[top]
-    return PatternSearch(chosen, problem.respond(chosen[None]), cost, by_gradient, so_far[affordable - 1])
+    return PatternSearch(
+        mistuning=chosen,
+        responses=problem.respond(chosen[None]),
+        cost=cost,
+        by_gradient=by_gradient,
+        by_chance=so_far[affordable - 1],
+        ties=ties,
+    )
 
 
 def _ascend(
     problem: PatternProblem, patterns: FloatArray, sigma: float, size: SearchSize
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The ends of paths (starts, N), the cost after each update, and the amplitudes of the paths (updates + 1, starts).
+) -> tuple[FloatArray, FloatArray, FloatArray, int]:
+    """The ends of paths (starts, N), the cost after each update, the amplitudes (updates + 1, starts), and the ties.
 
     Updates that do not raise the amplitude are undone, and the next step of that path is shorter.
     """
     top = problem.largest(patterns)
-    level, slope = top.amplitude, problem.slopes(patterns, top)
+    level, (slope, ties) = top.amplitude, problem.slopes(patterns, top)
     spent = size.scan * problem.cost + len(patterns) * problem.slope_cost
     radius, step = sigma * math.sqrt(patterns.shape[1]), np.full((len(patterns), 1), PATTERN_STEP)
     cost, levels = [spent], [level]
@@ -139,15 +148,16 @@ def _ascend(
         spent += len(patterns) * problem.cost
         if better.any():
             taken = LargestAmplitude(*(np.asarray(a)[better] for a in tried))
+            found = problem.slopes(patterns[better], taken)
             slope = slope.copy()
-            slope[better] = problem.slopes(patterns[better], taken)
+            slope[better] = found.by_mistuning
+            ties += found.ties
             spent += int(better.sum()) * problem.slope_cost
         cost.append(spent)
         levels.append(level)
-    return patterns, np.array(cost, float), np.array(levels)
+    return patterns, np.array(cost, float), np.array(levels), ties
 
 
-PEAK_ROUNDS, PEAK_ZOOM = 3, 8.0  # looks at the peak of a linear row between values, each so many times closer
 DIFFERENCE = 1e-4  # of the mistuning of one blade, across which a slope is taken
 
 
@@ -158,78 +168,6 @@ class MistunedRow(NamedTuple):
     along: str
     values: FloatArray
     of: str
-
-    @property
-    def coordinate(self) -> int:
-        """The place of its displacement in `DISPLACEMENTS`."""
-        return DISPLACEMENTS.index(self.of.split("_")[0])
-
-    @property
-    def share(self) -> float:
-        """What the amplitude of a sine counts as."""
-        return 1.0 if self.of.endswith("_peak") else math.sqrt(0.5)
-
-
-def linear_problem(row: MistunedRow, contact: NaturalContact) -> PatternProblem:
-    """A linear row: every interface stays in one state of contact. Costs are solutions of the linear system."""
-    numbered, everywhere = (
-        with_numbers(row.scene, [row.along]),
-        _systems(grid_of_scenes(row.scene, {row.along: row.values}), contact, row.coordinate),
-    )
-
-    def at(values):
-        return _systems(scenes_at(numbered, [row.along], values[:, None]), contact, row.coordinate)
-
-    def respond(patterns: FloatArray) -> RowResponses:
-        amplitude = np.stack([linear_amplitudes(everywhere, pattern) for pattern in patterns])
-        value = _peak_values(row.values, amplitude, lambda values: _at_each(at, values, patterns))
-        peak = linear_amplitudes(at(value), patterns)
-        lanes = (len(patterns), 1, len(row.values))
-        ended, settled = np.full(lanes, Status.OK, np.int32), np.ones(lanes, bool)
-        return RowResponses(row.share * amplitude[:, None], ended, settled, value, row.share * peak)
-
-    def slopes(patterns: FloatArray, top: LargestAmplitude) -> FloatArray:
-        lanes = at(top.value), patterns, top.blade.astype(np.int32)
-        return row.share * _chunked(linear_slopes, lanes)
-
-    return PatternProblem(row.values, respond, slopes, len(row.values) + 3 * PEAK_ROUNDS + 1, 2)
-
-
-def _systems(scenes: Scene, contact: NaturalContact, coordinate: int) -> LinearSystem:
-    """The linear systems of scenes (leading axis)."""
-    return _chunked(lambda some: linear_systems(some, contact, coordinate), (without_given(scenes),))
-
-
-def _chunked(f: Callable[..., Any], trees: tuple[Any, ...]) -> Any:
-    """`f` of trees of arrays (leading axis) by whole chunks: one program for any number of lanes."""
-
-    def some(lanes):
-        return jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[lanes]), trees)
-
-    def chunk(_, lanes):
-        return jax.tree.map(np.asarray, f(*some(lanes)))
-
-    return in_chunks(chunk, len(jax.tree.leaves(trees)[0]), LANES_PER_CALL)
-
-
-def _at_each(at: Callable[[FloatArray], LinearSystem], values: FloatArray, patterns: FloatArray) -> FloatArray:
-    """The amplitudes (n, m, N) of n patterns at m values of their own, (n, m)."""
-    every = np.repeat(patterns, values.shape[1], axis=0)
-    return linear_amplitudes(at(values.ravel()), every).reshape(*values.shape, -1)
-
-
-def _peak_values(values: FloatArray, amplitude: FloatArray, at: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """Where, about the largest amplitude (n, values, N) of each pattern, its peak lies; within the range of values.
-
-    `at` gives the amplitudes (n, m, N) at m values for each pattern.
-    """
-    rows, order = np.arange(len(amplitude)), np.sort(values)
-    index, blade = np.unravel_index(amplitude.reshape(len(amplitude), -1).argmax(axis=1), amplitude.shape[1:])
-    centre, apart = values[index], np.max(np.diff(order), initial=0.0) / 2
-    for _ in range(PEAK_ROUNDS):
-        three = np.clip(np.stack([centre - apart, centre, centre + apart], axis=1), order[0], order[-1])
-        centre, apart = peak_between(three, at(three)[rows, :, blade]), apart / PEAK_ZOOM
-    return centre
 
 
 def with_patterns(scene: Scene, patterns: FloatArray) -> Scene:
@@ -300,7 +238,7 @@ def marched_problem(
         done[0] += periods * len(patterns) * len(row.values)
         return responses
 
-    def slopes(patterns: FloatArray, top: LargestAmplitude) -> FloatArray:
+    def slopes(patterns: FloatArray, top: LargestAmplitude) -> PatternSlopes:
         n, blades = patterns.shape
         apart = DIFFERENCE * np.eye(blades)
         shifted = (patterns[:, None] + apart).reshape(-1, blades)
@@ -309,7 +247,7 @@ def marched_problem(
         done[0] += periods * len(shifted)
         level = np.asarray(getattr(swept, row.of), float).reshape(n, blades, blades)
         rise = level[np.arange(n), :, top.blade] - top.amplitude[:, None]
-        return np.where(np.isfinite(rise), rise / DIFFERENCE, 0.0)
+        return PatternSlopes(np.where(np.isfinite(rise), rise / DIFFERENCE, 0.0))
 
     blades = row.scene.blades.m.shape[-1]
     return PatternProblem(row.values, respond, slopes, periods * len(row.values), periods * blades)

@@ -141,14 +141,6 @@ def test_check_tells_all_orders_and_their_resonances():
     assert not any("the drive is at the resonance" in d for d in js.check(table1()).doubts)
 
 
-def test_a_linear_row_of_patterns_answers_one_harmonic():
-    row = js.load("table1", ["drive.phase=0", "row.blades=4", "row.closed=true"]).scene
-    one, four = (row.drive.F_0, row.drive.M_0, None), np.ones(4)
-    both = with_orders(row, (1, *one), (2, 25.0 * four, 0.1 * four, None))
-    with pytest.raises(js.InputError, match=r"answers one harmonic, but its drive has those of orders \[1, 2\]"):
-        js.mistune(both, {"drive.omega": [500.0, 600.0]}, linear="stuck")
-
-
 @pytest.mark.full
 def test_gradients_by_harmonics_are_differences():
     # A settled motion of period 1: the slope of P_d by each number, against central differences.

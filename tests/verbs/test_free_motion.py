@@ -201,6 +201,12 @@ def test_a_tuned_amplitude_is_reduced_by_nothing(pressed_nowhere, of):
 
 
 @pytest.mark.full
+def test_scattered_designs_that_never_touch_are_reduced_by_nothing(pressed_nowhere):
+    found = js.scatter(pressed_nowhere, {"friction.mu": 0.1}, linear="apart", draws=4, n_periods=1, transient=0)
+    np.testing.assert_allclose(found.P_d, 0.0, atol=1e-7)
+
+
+@pytest.mark.full
 @pytest.mark.parametrize("options", [{"motion": '["x", "y", "theta"]'}, {"blades": 4, "sector": True}])
 def test_marched_rings_that_never_touch_tell_no_reduction(options):
     file = ring((2, 4) if "sector" in options else (1, 2), *FADING, flow="sector" not in options, **options)

@@ -12,8 +12,15 @@ from jaxshroud.cli import projection
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.mistuning import design_pattern, random_patterns
 from jaxshroud.signals.statistics import quantile_interval
-from jaxshroud.signals.waves import RowResponses, largest_amplitudes, peak_between
-from jaxshroud.verbs.mistuned_rows import MistunedRow, PatternProblem, SearchSize, linear_problem, search_worst_pattern
+from jaxshroud.signals.waves import RowResponses, largest_amplitudes
+from jaxshroud.verbs.linear_rows import linear_problem
+from jaxshroud.verbs.mistuned_rows import (
+    MistunedRow,
+    PatternProblem,
+    PatternSlopes,
+    SearchSize,
+    search_worst_pattern,
+)
 
 pytestmark = pytest.mark.full
 
@@ -138,7 +145,7 @@ def test_slopes_of_a_linear_ring_are_its_differences():
     problem = linear_problem(row, "stuck")
     pattern = 0.02 * random_patterns(1, N, 5)
     top = problem.largest(pattern)
-    slope = problem.slopes(pattern, top)[0]
+    slope = problem.slopes(pattern, top).by_mistuning[0]
     step = 1e-5
     for i in (0, 7):
         sides = [solved(LINEAR, pattern[0] + s * step * np.eye(N)[i], top.value[0], 1e6)[top.blade[0]] for s in (1, -1)]
@@ -168,7 +175,8 @@ def responses(amplitude, status=None):
 def test_a_search_finds_the_maximum_of_a_plane_however_slopes_are_found():
     a = np.array([1.0, -2.0, 0.5, 0.25])
     respond = lambda patterns: responses(np.stack([1 + patterns @ a] * 3, axis=1)[:, None, :, None])
-    problem = PatternProblem(np.arange(3.0), respond, lambda patterns, top: np.tile(a, (len(patterns), 1)), 3, 1)
+    slopes = lambda patterns, top: PatternSlopes(np.tile(a, (len(patterns), 1)))
+    problem = PatternProblem(values=np.arange(3.0), respond=respond, slopes=slopes, cost=3, slope_cost=1)
     found = search_worst_pattern(problem, 4, 0.1, SearchSize(8, 2, 20), 0)
     best = 0.1 * 2 * a / np.linalg.norm(a)  # on the ball of radius sigma sqrt(N)
     np.testing.assert_allclose(found.mistuning, best, atol=1e-3)
@@ -213,14 +221,6 @@ def test_the_largest_amplitude_is_over_blades_values_and_directions():
     np.testing.assert_array_equal([top.direction, top.blade], [[1, 0], [0, 2]])
     np.testing.assert_array_equal([top.whole, top.at_end, top.coarse], [[True, False], [False, True], [True, True]])
     assert top.participation_ratio[0] == pytest.approx((25 + 2) ** 2 / (3 * (625 + 2)))
-
-
-def test_the_peak_of_a_resonance_is_found_from_three_values():
-    omega, zeta = 1.02, 1e-2
-    values = np.array([[1.0, 1.015, 1.03]])
-    amplitude = 1 / np.hypot(omega**2 - values**2, 2 * zeta * values * omega)
-    # 1 / A^2 has terms beyond the square, some (zeta)^2 of the frequency.
-    assert peak_between(values, amplitude)[0] == pytest.approx(omega, abs=3e-4)
 
 
 def test_intervals_of_quantiles_cover_them():
