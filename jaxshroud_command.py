@@ -17,6 +17,8 @@ def main() -> int:
     heeded = [number for number in END_SIGNALS if signal.getsignal(number) != signal.SIG_IGN]
     for number in heeded:
         signal.signal(number, _leave)
+    # Equations of motion are many and small: threads of OpenBLAS wait for each other longer than these take to solve.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.set_threshold(20_000, 20, 20)  # imports and tracing make many objects and little garbage: a sixth of the start
     from jaxshroud.cli.commands import main as run
     from jaxshroud.io.left_out import leave_out_packages

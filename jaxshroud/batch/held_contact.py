@@ -31,7 +31,7 @@ class HeldContact(NamedTuple):
     case: Any  # (lanes, interfaces)
     u_s: Any  # (lanes, interfaces, points) [m]
     rigid: Any  # (lanes, 3 blades, 3 blades) directions in which the blocks can move, see `directions`
-    found: Any  # (lanes,) how many static equilibria there are
+    at_rest: Any  # (lanes,) the least normal force [N], or gap [m]: no motion keeps the state where it is not positive
 
 
 def sprung(scenes: Scene) -> Scene:
@@ -59,7 +59,13 @@ def _stuck_after_loads(scenes: Scene) -> HeldContact:
     """The equilibria of scenes (leading axis) after loads from rest, with all faces stuck where they are."""
     rest, springs = loaded_equilibria(scenes), springs_of(scenes)
     stuck = rest.contact._replace(mode=np.full_like(rest.contact.mode, Mode.STICK))
-    return HeldContact(rest.q, *stuck, directions(springs, stuck), rest.found)
+    N = np.where(np.isnan(rest.q[:, :1, :1]), np.nan, rest.at.N)  # unknown where no path was found
+    return HeldContact(rest.q, *stuck, directions(springs, stuck), _least(N))
+
+
+def _least(of_points: np.ndarray) -> np.ndarray:
+    """The least of numbers (lanes, interfaces, points) of each lane."""
+    return np.min(of_points, axis=(1, 2), initial=np.inf)
 
 
 def _contact_held_in(scenes: Scene, state: LinearState) -> HeldContact:
@@ -71,14 +77,16 @@ def _contact_held_in(scenes: Scene, state: LinearState) -> HeldContact:
         np.zeros((*shape, max(scenes.points, 1))),
     )
     if state == "apart":
-        q, _ = position_in(scenes, springs, apart, np.zeros((shape[0], 3, layout.blades)))
-        return HeldContact(q, *apart, directions(springs, apart), np.ones(shape[0], int))
-    rest = least_energy_equilibria(scenes)
-    lost = np.any(np.isnan(rest.q), axis=(1, 2))
-    is_open = np.equal(rest.contact.mode, Mode.APART).any(axis=-1) | lost[:, None]
-    turns = "theta" in scenes.parts.motion and not scenes.points
-    case = np.where(is_open, FLAT if turns else 4, rest.contact.case).astype(np.int32)
-    contact = ContactState(np.full_like(rest.contact.mode, PRESSED), case, np.zeros_like(rest.contact.u_s))
-    q, at = position_in(scenes, springs, contact, np.where(lost[:, None, None], 0.0, rest.q))
+        q, at = position_in(scenes, springs, apart, np.zeros((shape[0], 3, layout.blades)))
+        return HeldContact(q, *apart, directions(springs, apart), _least(-at.open_v))
+    case, q = np.full(shape, 4, np.int32), np.zeros((shape[0], 3, layout.blades))
+    if "theta" in scenes.parts.motion and not scenes.points:  # at which corners the faces touch, or whether flat
+        rest = least_energy_equilibria(scenes)
+        lost = np.any(np.isnan(rest.q), axis=(1, 2))
+        is_open = np.equal(rest.contact.mode, Mode.APART).any(axis=-1) | lost[:, None]
+        case = np.where(is_open, FLAT, rest.contact.case).astype(np.int32)
+        q = np.where(lost[:, None, None], 0.0, rest.q)
+    contact = ContactState(np.full_like(apart.mode, PRESSED), case, apart.u_s)
+    q, at = position_in(scenes, springs, contact, q)
     stuck = np.full_like(contact.mode, Mode.STICK)
-    return HeldContact(q, stuck, case, at.u, directions(springs, contact), rest.found)
+    return HeldContact(q, stuck, case, at.u, directions(springs, contact), _least(at.N))

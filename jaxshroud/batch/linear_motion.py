@@ -5,6 +5,7 @@ the static equilibrium, with the sliders where they are put down there. Without 
 neglects terms of the order of the angles, and that contact moves from corner to corner.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import jax
@@ -12,19 +13,17 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxshroud.batch.equilibrium import PRESSED, coordinates_at, friction_free, in_pieces
+from jaxshroud.batch.equilibrium import coordinates_at, in_pieces
 from jaxshroud.batch.held_contact import HeldContact, held_contact, sprung
+from jaxshroud.batch.linear_swing import HeldRest, SwingWaves, block_directions, steady_swing_tangents, steady_swings
 from jaxshroud.cache.programs import kept
 from jaxshroud.model.arithmetic import sine_versine
-from jaxshroud.model.coupling import coupled_damping
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import static_position
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.resting_contact import resting_contact_of
 from jaxshroud.model.rhs import blade_mean_square, position_at
 from jaxshroud.model.steady_numbers import SteadyNumbers, least_value, negative, steady_course, steady_extremes
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene, without_given
 
 SAMPLES = 128  # of the period of the highest harmonic
@@ -50,8 +49,9 @@ class Margins(NamedTuple):
 class LinearMotion(NamedTuple):
     """A settled linear motion over one base period, of lanes."""
 
-    displacement: Any  # (lanes, samples, 3, blades) x, y and theta
+    displacement: Any  # (lanes, 3, blades) x, y and theta at drive phase 0
     speed: Any
+    speed_square: Any  # (lanes, 3, blades) means of the squares of the speeds
     power: (
         Any  # (lanes, blades) mean square displacement over block and period from the static position without contact
     )
@@ -71,38 +71,42 @@ class LinearMotion(NamedTuple):
 def linear_motions(scenes: Scene, held: HeldContact) -> LinearMotion:
     """The motions of scenes (leading axis) in a state of contact."""
     scenes = without_given(sprung(scenes))
-    return in_pieces(_linear_motions, (scenes, held), NUMBERS_OF_MOTIONS)
+    return in_pieces(_motions, (scenes, held), NUMBERS_OF_MOTIONS)
+
+
+def _motions(scenes: Scene, held: HeldContact) -> LinearMotion:
+    return _courses(scenes, held, *steady_swings(scenes, held))
+
+
+def _motion_tangents(scenes: Scene, held: HeldContact, along: Scene) -> tuple[LinearMotion, LinearMotion]:
+    return _course_tangents(scenes, held, along, *steady_swing_tangents(scenes, held, along))
 
 
 @kept()
-def _linear_motions(scenes: Scene, held: HeldContact) -> LinearMotion:
-    return jax.vmap(linear_motion)(scenes, held)
+def _courses(scenes: Scene, held: HeldContact, rest: HeldRest, waves: SwingWaves) -> LinearMotion:
+    return jax.vmap(_course)(scenes, held, rest, waves)
 
 
 @kept()
-def linear_motion_tangents(scenes: Scene, held: HeldContact, along: Scene) -> tuple[LinearMotion, LinearMotion]:
-    """The motions of scenes (leading axis) and their derivatives along directions of the scenes."""
+def _course_tangents(
+    scenes: Scene, held: HeldContact, along: Scene, swings: Any, swings_by: Any
+) -> tuple[LinearMotion, LinearMotion]:
+    def one(scene, held, along, swings, swings_by):
+        return jax.jvp(lambda scene, swings: _course(scene, held, *swings), (scene, swings), (along, swings_by))
 
-    def one(scene, held, along):
-        return jax.jvp(lambda scene: linear_motion(scene, held), (scene,), (along,))
-
-    return jax.vmap(one)(scenes, held, along)
+    return jax.vmap(one)(scenes, held, along, swings, swings_by)
 
 
-def linear_motion(scene: Scene, held: HeldContact) -> LinearMotion:
-    """The motion of one scene in its state of contact; differentiable by the numbers of the scene.
-
-    Source:
-        (K - n^2 omega^2 M + i n omega C) A_n = Q_n, where K is the stiffness of the blades and the derivative of the
-        forces of contact at the static equilibrium, over the directions in which the blocks can move.
-    """
-    swing, at, _ = linear_swing(scene, held)
-    omega, orders = scene.drive.omega, list(swing.waves)
-    count = SAMPLES * max(orders, default=1)
+def _course(scene: Scene, held: HeldContact, rest: HeldRest, waves: SwingWaves) -> LinearMotion:
+    """The motion of one scene in its state of contact; differentiable by the numbers of the scene and of its swing."""
+    blades, blocks = scene.blades.m.shape[-1], block_directions(scene, held)
+    swing = SteadyNumbers(rest.q, {n: blocks.expanded(a, 3 * blades) for n, a in waves.items()})
+    repeats = math.gcd(*swing.waves) or 1  # of the motion in a base period; one of them tells all
+    swing, omega = swing._replace(waves={n // repeats: a for n, a in swing.waves.items()}), repeats * scene.drive.omega
+    count = SAMPLES * max(swing.waves, default=1)
     tau = jnp.linspace(0, 2 * jnp.pi, count, endpoint=False, dtype=omega.dtype)
     q, rate, _ = steady_course(swing, tau[:, None])
-    shape = count, 3, scene.blades.m.shape[-1]
-    place = q.reshape(shape)
+    place = q.reshape(count, 3, blades)
     x, y, theta = place[:, 0], place[:, 1], place[:, 2]
     sine, versine = sine_versine(theta)
     power = blade_mean_square(x, y, sine, versine, gyration(scene.shroud), static_position(scene))
@@ -115,108 +119,27 @@ def linear_motion(scene: Scene, held: HeldContact) -> LinearMotion:
     def by_row(a):
         return a.reshape(3, -1)
 
-    forces = _contact_course(scene, held, at, swing, count)
+    margins, N, N_max, F_max, v_max, other_rest = _contact_course(scene, held, rest, swing, count)
     return LinearMotion(
-        place,
-        (omega * rate).reshape(shape),
-        mean(power),
-        jax.tree.map(mean, position_at(x, y, theta)),
-        by_row(swing.mean),
-        mean(place**2),
-        by_row(highest),
-        by_row(lowest),
-        *forces,
+        displacement=place[0],
+        speed=by_row(omega * rate[0]),
+        speed_square=by_row(omega**2 * mean(rate**2)),
+        power=mean(power),
+        means=jax.tree.map(mean, position_at(x, y, theta)),
+        first=by_row(swing.mean),
+        second=mean(place**2),
+        highest=by_row(highest),
+        lowest=by_row(lowest),
+        margins=margins,
+        N=N,
+        N_max=N_max,
+        F_max=F_max,
+        v_max=v_max,
+        other_rest=other_rest,
     )
 
 
-class LinearMatrices(NamedTuple):
-    """The matrices of a linear motion over the directions in which the blocks can move."""
-
-    M: Any
-    C: Any
-    K: Any
-
-
-def linear_swing(scene: Scene, held: HeldContact) -> tuple[SteadyNumbers, Any, LinearMatrices]:
-    """The displacements (3 blades,) of the settled motion, the contact at rest, and the matrices of the motion."""
-    b, blades, sines = scene.mistuned_blades, scene.blades.m.shape[-1], scene.drive.harmonics()
-    masses = jnp.concatenate([b.m, b.inertia_y, b.I])
-    dampers = jnp.concatenate([b.c_x, b.c_y, b.c_T])
-    springs = jnp.concatenate([b.k_x, b.k_y, b.k_T])
-    moves = np.array([scene.parts.has(name, min(i, 1)) for name in COORDINATES for i in range(blades)])
-    turning = "theta" in scene.parts.motion
-    blocks = _Blocks(blades * len(scene.parts.motion), lax.stop_gradient(held.rigid) if turning else None)
-    q = lax.stop_gradient(held.q)
-    rests_on_sliders = scene.start == "from rest"
-    loose = jnp.where(held.mode == Mode.STICK, int(PRESSED), held.mode).astype(jnp.int32)
-    if rests_on_sliders:
-        rest = resting_contact_of(scene, q, held.mode, held.case, held.u_s)
-    else:
-        rest = resting_contact_of(friction_free(scene), q, loose, held.case, held.u_s)
-    mean = sines[0].load if 0 in sines else None
-    load = jnp.zeros_like(springs) if mean is None else jnp.concatenate([mean(name) for name in COORDINATES])
-    static_K = blocks.reduced(jnp.diag(springs) + _assembled(rest.load_q, blades))
-    unbalanced = jnp.where(moves, load - springs * q.ravel() + _gathered(rest.load, blades), 0.0)
-    q = q.ravel() + blocks.expanded(jnp.linalg.solve(static_K, blocks.over(unbalanced)), 3 * blades)
-    q = q.reshape(3, blades)
-    at = resting_contact_of(scene, q, held.mode, held.case, held.u_s if rests_on_sliders else None)
-    K = blocks.reduced(jnp.diag(springs) + _assembled(at.load_q, blades))
-    M, C = blocks.reduced_diagonal(masses), blocks.reduced_diagonal(dampers)
-    if scene.is_coupled:
-        C = C + blocks.reduced(coupled_damping(scene))
-    waves = {}
-    for n, one in sines.items():
-        if n == 0:
-            continue
-        omega = scene.drive.frequency(n)
-        parts = [one.parts(name) for name in COORDINATES]
-        re, im = (jnp.where(moves, jnp.concatenate(part), 0.0) for part in list(zip(*parts, strict=True))[:2])
-        Q = lax.complex(blocks.over(re), blocks.over(im))
-        answer = jnp.linalg.solve(lax.complex(K - omega**2 * M, omega * C), Q)
-        waves[n] = blocks.expanded(answer, 3 * blades)
-    return SteadyNumbers(q.ravel(), waves), at, LinearMatrices(M, C, K)
-
-
-class _Blocks(NamedTuple):
-    """The directions in which blocks move: the first coordinates, or those of blocks that may turn together."""
-
-    size: int  # of the first coordinates
-    rigid: Any  # (3 blades, 3 blades) as columns; None where the blocks do not turn
-
-    def over(self, a: Any) -> Any:
-        """A vector of forces over the directions."""
-        return a[: self.size] if self.rigid is None else a @ self.rigid
-
-    def reduced(self, K: Any) -> Any:
-        """A matrix over the directions; 1 for one that is none."""
-        if self.rigid is None:
-            return K[: self.size, : self.size]
-        idle = jnp.diag(1.0 - jnp.max(jnp.abs(self.rigid), axis=0))
-        return self.rigid.T @ K @ self.rigid + idle
-
-    def reduced_diagonal(self, numbers: Any) -> Any:
-        """A diagonal matrix over the directions, which are orthogonal."""
-        return jnp.diag(numbers[: self.size] if self.rigid is None else numbers @ self.rigid**2)
-
-    def expanded(self, y: Any, size: int) -> Any:
-        """The displacements of so many coordinates from those along the directions."""
-        if self.rigid is None:
-            return jnp.concatenate([y, jnp.zeros(size - self.size, y.dtype)])
-        return self.rigid.astype(y.dtype) @ y
-
-
-def _assembled(load_q: Any, blades: int) -> Any:
-    """The stiffness of contact over all coordinates from the derivatives of its loads (interfaces, 6, 6)."""
-    places = coordinates_at(blades, load_q.shape[0])
-    return jnp.zeros((3 * blades,) * 2, load_q.dtype).at[places[:, :, None], places[:, None, :]].add(-load_q)
-
-
-def _gathered(load: Any, blades: int) -> Any:
-    """The loads of contact (interfaces, 6) on each coordinate."""
-    return jnp.zeros(3 * blades, load.dtype).at[coordinates_at(blades, load.shape[0])].add(load)
-
-
-def _contact_course(scene: Scene, held: HeldContact, at: Any, swing: SteadyNumbers, count: int) -> tuple[Any, ...]:
+def _contact_course(scene: Scene, held: HeldContact, at: HeldRest, swing: SteadyNumbers, count: int) -> tuple[Any, ...]:
     """The margins, and the forces and penetrations at each interface."""
     places = coordinates_at(scene.blades.m.shape[-1], held.case.shape[0])
 
@@ -289,4 +212,4 @@ def linear_tangents(scenes: Scene, along: Scene, repeats: int) -> tuple[LinearMo
     held = held_contact(scenes, scenes.parts.contact)  # pyright: ignore[reportArgumentType]
     own, held = jax.tree.map(lambda a: np.repeat(np.asarray(a), repeats, axis=0), (own, held))
     along = jax.tree.unflatten(jax.tree.structure(own), jax.tree.leaves(along))
-    return in_pieces(linear_motion_tangents, (own, held, along), NUMBERS_OF_MOTIONS)
+    return in_pieces(_motion_tangents, (own, held, along), NUMBERS_OF_MOTIONS)

@@ -105,7 +105,6 @@ def _sample(scenes: Scene, motion: LinearMotion, state: LinearState, method: Cho
     first, second, highest, lowest = (
         tuple(np.moveaxis(np.asarray(a), 1, 0)) for a in (motion.first, motion.second, motion.highest, motion.lowest)
     )
-    place, speed = np.asarray(motion.displacement)[:, 0], np.asarray(motion.speed)[:, 0]
 
     def in_time(numbers):
         return tuple(a * period for a in numbers)
@@ -113,7 +112,7 @@ def _sample(scenes: Scene, motion: LinearMotion, state: LinearState, method: Cho
     still = np.zeros_like(motion.N_max)
     whole = still + period
     sample = Sample(
-        Motion(*(part[:, i] for part in (place, speed) for i in range(3))),
+        Motion(*(np.asarray(part)[:, i] for part in (motion.displacement, motion.speed) for i in range(3))),
         motion.power,
         largest=tuple(np.maximum(np.abs(a), np.abs(b)) for a, b in zip(highest, lowest, strict=True)),
         times=ContactTimes(whole, still, still) if state == "apart" else ContactTimes(still, whole, still),
@@ -140,4 +139,4 @@ def _power_lost(scenes: Scene, motion: LinearMotion) -> np.ndarray:
     """The mean power that the dampers of all blades take, which the drive gives [W], (lanes,)."""
     b = scenes.blades
     dampers = np.stack([np.asarray(a, float) for a in (b.c_x, b.c_y, b.c_T)], axis=1)
-    return np.einsum("lsrb,lrb->l", np.asarray(motion.speed) ** 2, dampers) / np.shape(motion.speed)[1]
+    return np.einsum("lrb,lrb->l", motion.speed_square, dampers)

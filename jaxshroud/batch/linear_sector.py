@@ -1,4 +1,4 @@
-"""Linear motions of scenes; of rings that are marched by their sector, those of the smaller ring, repeated."""
+"""Linear motions of scenes; of rings of alike blades, those of the smallest ring that moves alike, repeated."""
 
 from typing import cast
 
@@ -8,12 +8,12 @@ import numpy as np
 from jaxshroud.batch.held_contact import LinearState, held_contact
 from jaxshroud.batch.linear_motion import LinearMotion, linear_motions, linear_tangents
 from jaxshroud.scene.scene import Scene, without_given
-from jaxshroud.scene.sector import has_period_of_blades, sector_ring, smaller_ring
+from jaxshroud.scene.sector import has_period_of_blades, smaller_ring, smallest_ring
 
 
 def settled_linear_motions(scenes: Scene) -> LinearMotion:
     """The motions of scenes (leading axis) whose contact is asked to stay in one state."""
-    ring, copies = sector_ring(without_given(scenes))
+    ring, copies = smallest_ring(without_given(scenes))
     motion = linear_motions(ring, held_contact(ring, cast(LinearState, scenes.parts.contact)))
     return _copied(motion, copies)
 
@@ -23,7 +23,7 @@ def settled_linear_tangents(scenes: Scene, along: Scene, repeats: int) -> tuple[
 
     A direction along which the sectors become unlike is one of the whole ring.
     """
-    ring, copies = sector_ring(without_given(scenes))
+    ring, copies = smallest_ring(without_given(scenes))
     if copies > 1 and not has_period_of_blades(along, ring.layout.blades):
         ring, copies = without_given(scenes), 1
     if copies > 1:

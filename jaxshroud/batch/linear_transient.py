@@ -12,7 +12,8 @@ import numpy as np
 
 from jaxshroud.batch.equilibrium import coordinates_at, in_pieces
 from jaxshroud.batch.held_contact import HeldContact, sprung
-from jaxshroud.batch.linear_motion import NUMBERS_OF_MOTIONS, LinearMatrices, LinearMotion, linear_swing
+from jaxshroud.batch.linear_motion import NUMBERS_OF_MOTIONS, LinearMotion
+from jaxshroud.batch.linear_swing import HeldRest, LinearMatrices, SwingWaves, block_directions, steady_swings
 from jaxshroud.cache.programs import kept
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import FloatArray
@@ -77,17 +78,21 @@ def _rate_matrix(matrices: LinearMatrices) -> FloatArray:
     return np.block([[np.zeros_like(K), np.eye(len(K))], [-K / masses, -C / masses]])
 
 
-@kept()
 def _transients(scenes: Scene, held: HeldContact) -> _Transient:
-    return jax.vmap(_transient)(scenes, held)
+    return _starts(scenes, held, *steady_swings(scenes, held))
 
 
-def _transient(scene: Scene, held: HeldContact) -> _Transient:
-    swing, at, matrices = linear_swing(scene, held)
-    size, blades = matrices.K.shape[0], scene.blades.m.shape[-1]
-    places = coordinates_at(blades, held.case.shape[0])
-    place, rate = jnp.zeros(size, swing.mean.dtype), jnp.zeros(size, swing.mean.dtype)
-    for n, a in swing.waves.items():
+@kept()
+def _starts(scenes: Scene, held: HeldContact, rest: HeldRest, waves: SwingWaves) -> _Transient:
+    return jax.vmap(_transient)(scenes, held, rest, waves)
+
+
+def _transient(scene: Scene, held: HeldContact, at: HeldRest, waves: SwingWaves) -> _Transient:
+    size, blades = at.matrices.K.shape[0], scene.blades.m.shape[-1]
+    blocks, places = block_directions(scene, held), coordinates_at(blades, held.case.shape[0])
+    place, rate = jnp.zeros(size, at.q.dtype), jnp.zeros(size, at.q.dtype)
+    for n, wave in waves.items():
+        a = blocks.expanded(wave, 3 * blades)
         place, rate = place - a.imag[:size], rate - scene.drive.frequency(n) * a.real[:size]
 
     def over_blades(by: Any) -> Any:
@@ -99,4 +104,4 @@ def _transient(scene: Scene, held: HeldContact) -> _Transient:
     mu = jnp.broadcast_to(jnp.atleast_1d(scene.friction.mu), held.case.shape)[:, None, None]
     N_q, F_q = over_blades(at.N_q), over_blades(at.F_q)
     slip_q = jnp.concatenate([mu * N_q - F_q, mu * N_q + F_q], axis=1)
-    return _Transient(matrices, place, rate, N_q, slip_q, over_blades(at.open_v_q))
+    return _Transient(at.matrices, place, rate, N_q, slip_q, over_blades(at.open_v_q))

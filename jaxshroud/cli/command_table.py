@@ -77,6 +77,7 @@ COMMANDS = {
                 choices=("independent", "forward", "backward", "both"),
             ),
             "--transient",
+            "--linear",
             Option("--phase", "drive phase of the samples", number, 0.0, metavar="RAD"),
             Option("--period-tol", "relative tolerance of the period number", number, 1e-3),
             Option("--lyapunov", "compute the largest Lyapunov exponent of every lane too", action="store_true"),

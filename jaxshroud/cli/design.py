@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import jaxshroud
+from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Plan, Progress
 from jaxshroud.batch.threads import cores
@@ -261,7 +262,7 @@ def _print_projection_of_long_table(call: VerbCall) -> None:
     method = march.method._replace(ledger=True, forces=True, amplitudes=True)
     plan = Plan(call.arguments["transient"], call.arguments["n_periods"], march.steps, 0.0, method)
     lanes = len(scenes.drive.omega)
-    if lanes * (plan.transient + plan.kept) * plan.steps_per_period <= LONG_TABLE_STEPS:
+    if is_linear(scenes) or lanes * (plan.transient + plan.kept) * plan.steps_per_period <= LONG_TABLE_STEPS:
         return
     with progress_bar("lane-periods of a trial") as report:
         seconds = projected_seconds(in_precision(scenes, method.precision), plan, progress=report)

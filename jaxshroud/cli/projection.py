@@ -10,6 +10,7 @@ from time import perf_counter, process_time
 import jax
 import numpy as np
 
+from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.batch.limits import results_size, sweep_memory
 from jaxshroud.batch.periods import lanes_per_call
 from jaxshroud.batch.plan import Plan, Progress, Ticker
@@ -167,6 +168,8 @@ def _is_long(lanes: int, periods: int, steps: int, scenes: Scene) -> bool:
         scenes: Their scenes.
     """
     layout = scenes.layout
+    if is_linear(scenes):
+        return False
     if layout == PAIR:
         return lanes * periods * steps > LONG_RUN_STEPS
     trials = steps + (EVENT_STEPS * layout.blades if "theta" in scenes.parts.motion else 0)

@@ -23,8 +23,8 @@ from jaxshroud.signals.waves import HALF_POWER
 MAX_PARABOLAS = 12  # fitted to an amplitude about its maximum
 COPY = 1e-6  # relative distance of two peaks that are of one motion
 PLACED = 1e-6  # of the distance between the neighbours: a smaller shift of the maximum does not count
-PEAK_ZOOMS = 6  # closer looks at a peak of a closed form, or at where its amplitude has fallen to half power
-PEAK_VALUES = 33  # in each of them
+PEAK_ZOOMS = 13  # closer looks at a peak of a closed form, or at where its amplitude has fallen to half power
+PEAK_VALUES = 8  # in each of them: each is 3.5 times closer
 AmplitudesAt = Callable[[np.ndarray], np.ndarray]  # values (n,) -> those of all blades (n, blades)
 
 

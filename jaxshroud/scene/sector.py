@@ -60,12 +60,12 @@ def smaller_ring(scene: Scene, blades: int) -> Scene:
     return _with_row(fewer, Row(blades, True), scene.row.mistuning[..., :blades])
 
 
-def sector_ring(scene: Scene) -> tuple[Scene, int]:
-    """The ring by which a scene, or many, is to be marched, and how many copies of it make the whole one."""
-    if not asks_for_sector(scene):
-        return scene, 1
-    blades = scene.layout.blades
-    n = sector_blades(scene)
+def smallest_ring(scene: Scene) -> tuple[Scene, int]:
+    """The smallest ring that moves as a scene, or as each of many, does, and how many copies of it make the whole one.
+
+    It is for motions that depend on no start: those in closed form.
+    """
+    blades, n = scene.layout.blades, sector_blades(scene)
     return (whole_ring(scene), 1) if n == blades else (smaller_ring(scene, n), blades // n)
 
 

@@ -46,7 +46,7 @@ def lines_of_speeds(
     """
     blades, growth = system_in_float64(system), growth_of(arrays)
     _check_end(arrays, ends[1])
-    pressed = _pressed(arrays, blades, growth, ends, modes)
+    pressed = [] if all(mode.contact == "apart" for mode in modes) else pressed_speeds(arrays, system, ends)
     changes = np.array([end for one in pressed for end in one])
     speeds = np.unique(np.concatenate([np.linspace(*ends, SHOWN_SPEEDS), changes, np.nextafter(changes, ends[1])]))
     frequencies, crossings = np.empty((len(modes), len(speeds))), np.empty((len(modes), len(orders)))
@@ -80,12 +80,9 @@ def growth_of(arrays: Scene) -> Growth:
     return Growth(by_square, float(arrays.drive.omega / arrays.given[ORDER]) ** 2)
 
 
-def _pressed(
-    arrays: Scene, blades: LinearContact, growth: Growth, ends: tuple[float, float], modes: Sequence[NaturalMode]
-) -> list[tuple[float, float]]:
-    """The ranges of speeds in which the faces are pressed together at rest; none where they are not looked at."""
-    if all(mode.contact == "apart" for mode in modes):
-        return []
+def pressed_speeds(arrays: Scene, system: LinearContact, ends: tuple[float, float]) -> list[tuple[float, float]]:
+    """The ranges of speeds within `ends` in which all faces are pressed together at rest; see `lines_of_speeds`."""
+    blades, growth = system_in_float64(system), growth_of(arrays)
     s, mean = arrays.shroud, arrays.drive.harmonics().get(0)
     loads = np.zeros(len(blades.mass)) if mean is None else np.concatenate([mean.F_x, mean.F_y, mean.M_0])
     gap = np.atleast_1d(s.gap).astype(float)

@@ -37,7 +37,7 @@ from jaxshroud.verbs.arguments import check_row, resolve_options
 from jaxshroud.verbs.asked import MethodArgument
 from jaxshroud.verbs.lanes import RequestedLanes, results_of_all, warn_failed, with_tangents
 from jaxshroud.verbs.orbit import cycles_of
-from jaxshroud.verbs.settled import default_state, in_state
+from jaxshroud.verbs.settled import default_state, in_state, require_state
 
 
 @typed
@@ -138,6 +138,7 @@ def gradient(
         wrt = numbers_that_count(resolved.scene) if wrt == "all" else (wrt,)
     check_quantity(of, resolved.scene.parts, resolved.scene.layout)
     _check_names(wrt, resolved.scene)
+    require_state(resolved.lanes)
     if is_reduction(of):
         for check in (check_vibration, check_resonance):
             check(of, resolved.lanes, np.all)

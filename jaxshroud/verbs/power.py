@@ -44,7 +44,7 @@ from jaxshroud.signals.period import NOT_SETTLED, PERIOD_TOLERANCE, Repetition
 from jaxshroud.verbs.arguments import ResolvedOptions, check_row, in_shape, resolve_options
 from jaxshroud.verbs.asked import MarchPlan, MethodArgument
 from jaxshroud.verbs.plan import plan_march, warn_missed
-from jaxshroud.verbs.settled import default_state, in_state
+from jaxshroud.verbs.settled import default_state, in_state, require_state
 from jaxshroud.verbs.trials import missed_lanes
 
 FIRST_PERIODS = 2 * PERIODS_PER_CALL  # kept periods before the first test of convergence
@@ -238,6 +238,7 @@ def power(
         raise InputError(f"Argument `stable_within` must be positive, but is {stable_within}.")
     tolerance_argument("period_tol", period_tol)
     check_vibration("P_d", lanes, np.all)
+    require_state(lanes)
     march = plan_march(resolved, lanes, FOR_P_D_WITH_LEDGER)
     march = march._replace(method=march.method._replace(forces=forces, amplitudes=amplitudes))
     scenes = in_precision(without_given(lanes), march.method.precision)

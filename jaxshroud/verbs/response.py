@@ -25,6 +25,7 @@ from jaxshroud.scene.keys import find_key
 from jaxshroud.scene.layout import Layout
 from jaxshroud.scene.quantities import counted_amplitude, free_name
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.sector import smallest_ring
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of, vary, with_numbers
 from jaxshroud.signals.amplitudes import counted_reduction, free_amplitudes
@@ -34,7 +35,7 @@ from jaxshroud.verbs.branch import BranchStart, continued, range_of
 from jaxshroud.verbs.settled import default_state, in_state
 from jaxshroud.verbs.sweep import sweep
 
-FREE_VALUES, FREE_ZOOMS = 2001, 4  # values at which the free amplitude is looked at, and how often more closely
+FREE_LOOKS = (2001, *[65] * 5)  # values at which the free amplitude is looked at, then ever more closely
 VALUES, ZOOMS, MARGIN = 61, 2, 2  # of the sweeps with contact; a closer look goes this many values beyond the largest
 
 
@@ -115,10 +116,11 @@ def free_peak(scene: Scene, along: str, low: float, high: float, of: str) -> Pea
     """Where an amplitude without contact is largest in a range of a number, and that amplitude."""
     names = (of.partition("_")[0],)
     numbered, values, at, level = with_numbers(scene, [along]), np.array([low, high]), low, 0.0
-    for _ in range(FREE_ZOOMS):
-        values = np.linspace(values[0], values[-1], FREE_VALUES)
-        every = free_amplitudes(scenes_at(numbered, [along], values[:, None]), names)
-        levels = counted_amplitude(every[free_name(of)], scene.layout)
+    for count in FREE_LOOKS:
+        values = np.linspace(values[0], values[-1], count)
+        ring, _ = smallest_ring(scenes_at(numbered, [along], values[:, None]))
+        every = free_amplitudes(ring, names)
+        levels = counted_amplitude(every[free_name(of)], ring.layout)
         top = int(levels.argmax())
         at, level, values = float(values[top]), float(levels[top]), values[max(top - 1, 0) : top + 2]
     return _peak_in(at, level, (low, high))

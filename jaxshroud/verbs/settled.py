@@ -4,30 +4,37 @@ Contact is asked to stay in one state, or does so by itself: then the motion has
 """
 
 from dataclasses import replace
-from typing import overload
+from typing import cast, overload
 
 import jax
 import numpy as np
 
 from jaxshroud.batch.equilibrium import Equilibrium, static_equilibria
-from jaxshroud.batch.held_contact import LinearState, held_contact, sprung
+from jaxshroud.batch.held_contact import LinearState, held_contact, is_linear, sprung
 from jaxshroud.batch.linear_motion import LinearMotion, linear_motions
 from jaxshroud.batch.linear_runs import linear_status
 from jaxshroud.batch.linear_transient import outlasts_transient
 from jaxshroud.batch.load_path import start_equilibria
 from jaxshroud.batch.xla import one_lane
+from jaxshroud.cache.programs import kept
+from jaxshroud.model.linear_systems import touching_gradients
 from jaxshroud.model.modes import Mode, Status
+from jaxshroud.model.natural_modes import LinearContact, linear_contact
 from jaxshroud.results.data_sheet import SettledMotion
 from jaxshroud.scene.checks import InputError, word_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import SPRUNG
 from jaxshroud.scene.other_parts import with_parts
 from jaxshroud.scene.scene import Scene, without_given
-from jaxshroud.scene.sector import sector_ring
+from jaxshroud.scene.sector import smallest_ring
+from jaxshroud.scene.speed import ORDER
+from jaxshroud.scene.title import display_value
 from jaxshroud.signals.amplitudes import is_preloaded
 from jaxshroud.verbs.arguments import flatten_lanes, leading_axes
 from jaxshroud.verbs.asked import Asked, MethodArgument
+from jaxshroud.verbs.campbell_lines import pressed_speeds
 
+SPEED = ("drive", "speed")  # whose unit messages have
 DIED_OUT = 1e-3  # of a free vibration
 
 
@@ -40,7 +47,7 @@ def has_settled_motion(scene: Scene) -> bool:
 
 def settled_motion(scene: Scene) -> SettledMotion:
     """The judgement of a scene."""
-    lanes, _ = sector_ring(jax.tree.map(np.asarray, one_lane(without_given(sprung(scene)))))
+    lanes, _ = smallest_ring(jax.tree.map(np.asarray, one_lane(without_given(sprung(scene)))))
     rest = start_equilibria(lanes)
     is_apart = rest.contact.mode == Mode.APART
     exact = "theta" not in scene.parts.motion
@@ -70,7 +77,7 @@ def kept_state(scenes: Scene) -> LinearState | None:
     judged = scenes.start == "static" and scenes.parts.contact == "spring" and "theta" not in scenes.parts.motion
     if not judged or scenes.blade_matrices is not None:
         return None
-    lanes: Scene = jax.tree.map(np.asarray, without_given(scenes))
+    lanes, _ = smallest_ring(jax.tree.map(np.asarray, without_given(scenes)))
     rest = static_equilibria(lanes)
     is_apart = rest.contact.mode == Mode.APART
     if np.any(rest.found != 1) or (is_apart.any() and not is_apart.all()):
@@ -143,6 +150,44 @@ def in_state(scene: Scene | SceneFile, state: LinearState | None) -> Scene | Sce
     if isinstance(scene, SceneFile):
         return replace(scene, tables={**scene.tables, "parts": {**parts, "contact": state}})
     return with_parts(scene, scene.parts._replace(contact=state))
+
+
+def require_state(scenes: Scene, runs: int = 1) -> None:
+    """Raise an InputError where contact is asked to stay in a state that none of scenes (leading axis) keeps at rest.
+
+    A motion is about the position at rest, and takes from its margins. Each so many scenes, the `runs` of a design,
+    have to keep it together.
+    """
+    if not is_linear(scenes):
+        return
+    ring, _ = smallest_ring(without_given(scenes))
+    state = cast(LinearState, scenes.parts.contact)
+    margin = held_contact(ring, state).at_rest
+    worst = margin.reshape(-1, runs).min(axis=1)
+    if not np.all(worst <= 0):  # NaN: nothing is known of it
+        return
+    of = f"{len(worst)} designs, in all conditions," if runs > 1 else f"{len(worst)} scenes"
+    which = "The scene does not keep" if len(margin) == 1 else f"None of {of} keeps"
+    told = "at rest they are pressed together" if state == "apart" else _told_open(scenes, int(np.argmax(worst)) * runs)
+    raise InputError(f"{which} its faces {state}: {told}; march it.")
+
+
+def _told_open(scenes: Scene, at: int) -> str:
+    """That faces are open at rest; where they depend on the speed, above which those of one of the scenes are."""
+    told = "at rest they are not pressed together"
+    if not scenes.depends_on_speed:
+        return told
+    one = jax.tree.map(lambda a: np.asarray(a)[at], scenes)
+    fastest = float(np.max(np.asarray(scenes.drive.omega) / np.abs(np.asarray(scenes.given[ORDER]))))
+    pressed = pressed_speeds(one, jax.tree.map(np.asarray, _touching(one)), (0.0, fastest))
+    if not pressed:
+        return f"{told} at any speed up to {display_value(*SPEED, fastest)}"
+    return f"{told} above {display_value(*SPEED, pressed[-1][1])}"
+
+
+@kept()
+def _touching(scene: Scene) -> LinearContact:
+    return linear_contact(scene, touching_gradients(scene))
 
 
 def default_state(scenes: Scene | SceneFile, method: MethodArgument) -> LinearState | None:

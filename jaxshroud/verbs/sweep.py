@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import ArrayLike
 
+from jaxshroud.batch.held_contact import LinearState, is_linear
 from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Plan, Progress, Ticker
 from jaxshroud.batch.runs import SweepHandover
@@ -30,6 +31,7 @@ from jaxshroud.verbs.arguments import ResolvedOptions, check_row, flatten_lanes,
 from jaxshroud.verbs.asked import MethodArgument
 from jaxshroud.verbs.jumps import with_jumps
 from jaxshroud.verbs.plan import plan_march, warn_missed
+from jaxshroud.verbs.settled import in_state, require_state
 from jaxshroud.verbs.stored import SweepTask, store_sweep
 from jaxshroud.verbs.sweep_run import (
     MAX_LANES_AT_ONCE,
@@ -66,6 +68,7 @@ def sweep(
     progress: Progress | None = None,
     throw: bool = False,
     dims: Sequence[str] | None = None,
+    linear: LinearState | None = None,
 ) -> SweepResult:
     """Simulate scenes at every value (or pair of values) of one or two of their numbers, or as they are.
 
@@ -110,6 +113,8 @@ def sweep(
         progress: Called with (lane-periods done, lane-periods in all) after every block.
         throw: Raise where a lane stops before its end, rather than warn.
         dims: Names of the leading axes; by default `lane`.
+        linear: "apart" or "stuck": in closed form, of contact that stays in this state, see `power`; a lane whose
+            contact leaves it has the status NOT_LINEAR.
 
     Returns:
         Samples and statistics of every lane. A lane that failed has a status and NaN; the others are not affected.
@@ -137,7 +142,7 @@ def sweep(
         ((2, 2, 2), (2,))
     """
     resolved = resolve_options(
-        scene,
+        in_state(scene, linear),
         n_periods=n_periods,
         transient=transient,
         method=method,
@@ -150,9 +155,10 @@ def sweep(
         raise InputError(f"Argument `phase` must be in [0, 2 pi), but is {phase}.")
     tolerance_argument("period_tol", period_tol)
     grid, direction = _grid_of(resolved, along, direction)
+    require_state(grid.lanes)
     if confirm and direction != "independent":
         raise InputError(f"Argument `confirm` is of independent lanes, but `direction` is {direction!r}.")
-    directions = SINGLE_DIRECTIONS if direction == "both" else (direction,)
+    directions = SINGLE_DIRECTIONS if direction == "both" and not is_linear(grid.lanes) else (direction,)
     lanes = len(directions) * math.prod(grid.shape)
     path = _store_path(store, resume)
     lanes_in_memory = None if keep_samples and path is None else min(lanes, MAX_LANES_AT_ONCE)
@@ -177,6 +183,9 @@ def sweep(
     run_direction = run_sweep if keep_samples else run_map
     if path is not None:
         result = store_sweep(SweepTask(grid, states, direction, settings), path, scheduler)
+    elif direction == "both" and is_linear(grid.lanes):  # a settled motion has no direction
+        settled = run_direction(grid, states, "independent", settings)
+        result = overlay_directions(dict.fromkeys(SINGLE_DIRECTIONS, settled))
     elif direction == "both":
         result = _in_all_directions(grid, states, settings)
     else:

@@ -49,7 +49,7 @@ from jaxshroud.verbs.gradient_ascent import (
 from jaxshroud.verbs.lanes import with_tangents
 from jaxshroud.verbs.robust import RobustnessRequest, robustness, robustness_request
 from jaxshroud.verbs.scattering import Scattering, scattering_of
-from jaxshroud.verbs.settled import default_state, in_state
+from jaxshroud.verbs.settled import default_state, in_state, require_state
 
 
 @typed
@@ -158,10 +158,12 @@ def tune(
     problem = problem_of(nominal, over, conditions or {}, scattering, of)
     check_comparable(problem)
     counts = (search or SearchOptions()).of_size(len(over))
+    scanned = problem.values(_scanned_cube(len(over), counts[0], seed))
     if linear is None and state is None:
-        scanned = problem.values(_scanned_cube(len(over), counts[0], seed))
         linear = default_state(scenes_of(problem, scanned), method)
         scene, problem = in_state(scene, linear), problem._replace(scene=in_state(problem.scene, linear))
+    if is_linear(problem.scene):
+        require_state(scenes_of(problem, scanned), problem.runs)
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
     march = with_tangents(resolved, design_corners(problem), FOR_P_D)
     within = bool(min(most_penetration, most_force) < np.inf)
@@ -198,6 +200,9 @@ def _search(
     (scan, n_starts, updates), size = counts, len(problem.over)
     cube = _scanned_cube(size, scan, seed)
     scanned = judge_designs(problem, problem.values(cube), ticker)
+    if is_linear(problem.scene) and not np.isfinite(scanned.score).any():
+        state = problem.scene.parts.contact
+        raise InputError(f"No design of the scan keeps its contact {state}: the motion takes more than its margins.")
     best_first = np.argsort(-scanned.score, kind="stable")[:n_starts]
     paths = ascent_paths(problem, cube[best_first], DesignJudgement(*(a[best_first] for a in scanned)), updates, ticker)
     best_path = int(np.argmax(paths.scores[-1]))

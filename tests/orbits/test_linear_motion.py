@@ -1,13 +1,17 @@
 """Contact that stays apart or stuck: the closed form of the settled motion against the march."""
 
+import jax
 import numpy as np
 import pytest
 
 import jaxshroud as js
 from jaxshroud.batch.held_contact import held_contact
 from jaxshroud.batch.linear_motion import linear_motions
+from jaxshroud.batch.linear_sector import settled_linear_motions
+from jaxshroud.cli import commands as cli
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.checks import InputError
+from jaxshroud.verbs.settled import in_state
 
 STUCK = ["shroud.gap=-0.4 mm", 'parts.motion=["x","y"]', "drive.F_0=2", "drive.M_0=0", "friction.mu=0.9"]
 RING = ["shroud.gap=-0.4 mm", 'parts.motion=["x","y"]', "drive.F_0=2", "row.mistuning={sigma=0.02,seed=1}"]
@@ -141,3 +145,92 @@ def test_with_torsion_the_error_falls_with_the_loads():
         pair = [numbers(one, "x_rms", "theta_rms") for one in (found, marched)]
         errors.append(np.max(np.abs(pair[0] / pair[1] - 1)))
     assert errors[1] < 0.2 * errors[0]
+
+
+@pytest.mark.parametrize("verb", ["power", "gradient"])
+@pytest.mark.full(but=["power"])
+def test_nothing_is_solved_within_compiled_programs(verb, monkeypatch):
+    # Those of jaxlib that solve many systems at once may wait for each other without end, as for 60 blades they did.
+    def refuse(*_):
+        raise AssertionError
+
+    monkeypatch.setattr(jax.numpy.linalg, "solve", refuse)
+    scene = stuck('parts.motion=["x"]')
+    if verb == "power":
+        assert js.power(scene, **SHORT, linear="stuck").final["status"] == Status.OK
+    else:
+        assert js.gradient(scene, ["contact.gamma"], of="P", linear="stuck").kind == "periodic"
+
+
+@pytest.mark.full
+def test_a_tuned_ring_swings_as_the_smallest_ring_that_does():
+    settings = ["row.blades=4", "drive.engine_order=2", 'parts.motion=["x"]', "shroud.gap=-0.4 mm", "drive.F_0=2"]
+    ring = in_state(js.load("row_ring12", settings).scene, "stuck")
+    scenes = js.scenes_from({"drive.omega": [500.0, 900.0]}, ring)
+    own, whole = settled_linear_motions(scenes), linear_motions(scenes, held_contact(scenes, "stuck"))
+    for name in ("displacement", "power", "second", "highest", "N", "N_max", "F_max"):
+        one, other = getattr(own, name), getattr(whole, name)
+        assert one.shape == other.shape
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(other).max())  # rounding
+    np.testing.assert_allclose(own.margins.slip, whole.margins.slip, rtol=1e-12)
+
+
+def test_a_closed_form_in_all_directions_is_computed_once():
+    told = []
+    found = js.sweep(
+        stuck(),
+        {"drive.omega": [500.0, 900.0]},
+        direction="both",
+        linear="stuck",
+        progress=lambda done, of: told.append((done, of)),
+        **SHORT,
+    )
+    assert told[-1] == (2 * SHORT["n_periods"],) * 2
+    assert (np.asarray(found.status) == Status.OK).all()
+    assert np.ptp(found.P_d_vibration, axis=0).max() == 0
+
+
+# Faces are open above 300 rpm sqrt(5 / 65), and asked for at 286 and 430 rpm.
+UNTWIST = ["shroud.gap=-5um", "shroud.gap_at=60um", "shroud.gap_at_speed=300 rpm", "drive.engine_order=2"]
+SPEEDS = {"drive.omega": [60.0, 90.0]}
+
+
+@pytest.mark.parametrize(
+    "run",
+    [
+        lambda scene: js.sweep(scene, SPEEDS, linear="stuck"),
+        lambda scene: js.response(scene, "drive.omega", 60.0, 90.0, num=3, linear="stuck"),
+        lambda scene: js.tune(scene, {"friction.mu": (0.1, 0.2)}, conditions=SPEEDS, linear="stuck"),
+        lambda scene: js.power(scene, linear="stuck"),
+        lambda scene: js.gradient(scene, ["friction.mu"], linear="stuck"),
+        lambda scene: js.table(scene, {"friction.mu": [0.1, 0.2]}, linear="stuck"),
+        lambda scene: js.scatter(scene, {"friction.mu": 0.1}, draws=4, linear="stuck"),
+    ],
+    ids=["sweep", "response", "tune", "power", "gradient", "table", "scatter"],
+)
+def test_faces_that_open_at_rest_are_refused_with_the_speed_above_which(run):
+    with pytest.raises(InputError, match=r"not pressed together above 83\.205 rpm") as error:
+        run(stuck(*UNTWIST))
+    assert "\n" not in str(error.value)
+
+
+def test_what_no_scene_keeps_at_rest_is_refused(tmp_path, capsys):
+    open_pair, pressed_pair = (js.load("table1", [*STUCK, gap]).scene for gap in ("shroud.gap=10um", STUCK[0]))
+    with pytest.raises(InputError, match="does not keep its faces stuck: at rest they are not pressed together; "):
+        js.power(open_pair, linear="stuck")
+    with pytest.raises(InputError, match="apart: at rest they are pressed together"):
+        js.power(pressed_pair, linear="apart")
+    gaps = {"shroud.gap": [-4e-4, 1e-5]}  # one of two is enough
+    with pytest.warns(js.LaneWarning, match="1 of 2"):
+        assert js.sweep(pressed_pair, gaps, linear="stuck", **SHORT).status.tolist() == [Status.OK, Status.NOT_LINEAR]
+    words = ["sweep", "table1", "--along", "shroud.gap", "--values", "1e-5,2e-5", "--linear", "stuck"]
+    sets = [word for setting in STUCK for word in ("--set", setting)]
+    assert cli.main([*words, "--out", str(tmp_path / "out"), *sets]) == 2
+    assert "None of 2 scenes keeps its faces stuck" in capsys.readouterr().err
+
+
+@pytest.mark.full
+def test_a_tuning_that_no_design_survives_ends_after_its_scan():
+    small = js.SearchOptions(4, 1, 1)
+    with pytest.raises(InputError, match="No design of the scan keeps its contact stuck"):
+        js.tune(stuck("drive.F_0=400"), {"contact.gamma": (1.0, 4.0)}, linear="stuck", search=small, **SHORT)
