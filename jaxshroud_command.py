@@ -8,6 +8,7 @@ import gc
 import os
 import signal
 import sys
+from contextlib import suppress
 
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -27,9 +28,10 @@ def main() -> int:
     status = run()
     for number in heeded:
         signal.signal(number, signal.SIG_IGN)  # all is done and said
-    if status == 130:  # XLA may still be at it, which the end of the interpreter does not bear
-        sys.stdout.flush()
-        sys.stderr.flush()
+    if status in (130, 141):  # XLA may still be at it, which the end of the interpreter does not bear
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError):  # nobody reads it
+                stream.flush()
         os._exit(status)
     return status
 

@@ -36,6 +36,7 @@ with install_import_hook(COMPUTING, "beartype.beartype") if CHECKED else nullcon
         if not found.name.endswith("__main__"):
             importlib.import_module(found.name)
     from jaxshroud.cache.programs import keep_programs
+    from jaxshroud.cli import commands
     from jaxshroud.scene.config import load
 
 
@@ -44,6 +45,12 @@ def no_kept_programs():
     """Commands load programs without tracing them; what a test calls afterwards is traced, whatever it has patched."""
     yield
     keep_programs(None)
+
+
+@pytest.fixture(autouse=True)
+def no_lines_of_commands(monkeypatch):
+    """What commands say of themselves every few seconds depends on the machine."""
+    monkeypatch.setattr(commands, "lines_written", nullcontext)
 
 
 def memory_maps():

@@ -12,6 +12,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from jaxshroud.activity import counted
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.resting_contact import RestingContact, resting_contact
 from jaxshroud.scene.layout import COORDINATES
@@ -117,10 +118,12 @@ def in_pieces(f: Callable[..., Any], trees: tuple[Any, ...], at_once: int) -> An
     count, numbers = len(scenes.drive.omega), (3 * scenes.layout.blades) ** 2
     size = min(max(at_once // numbers, 1), 64) if count > 1 else 1  # two programs in all
     pieces = []
-    for begin in range(0, count, size):
-        at = np.minimum(np.arange(begin, begin + size), count - 1)
-        piece = f(*jax.tree.map(lambda a, at=at: np.asarray(a)[at], trees))
-        pieces.append(jax.tree.map(lambda a, begin=begin: np.asarray(a)[: count - begin], piece))
+    with counted("scenes at rest", count) as tell:
+        for begin in range(0, count, size):
+            at = np.minimum(np.arange(begin, begin + size), count - 1)
+            piece = f(*jax.tree.map(lambda a, at=at: np.asarray(a)[at], trees))
+            pieces.append(jax.tree.map(lambda a, begin=begin: np.asarray(a)[: count - begin], piece))
+            tell(min(size, count - begin))
     return jax.tree.map(lambda *a: np.concatenate(a), *pieces)
 
 

@@ -46,6 +46,16 @@ class Plan:
         return Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(steps / turns), flat_return)
 
 
+def both(one: Tick, other: Tick) -> Tick:
+    """A callback that calls two."""
+
+    def tick(lane_periods: float) -> None:
+        one(lane_periods)
+        other(lane_periods)
+
+    return tick
+
+
 class Ticker:
     """Sums up the lane-periods done and reports them."""
 

@@ -12,10 +12,11 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from jaxshroud.activity import counted
 from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.batch.marches import march_of, require_march
 from jaxshroud.batch.periods import lanes_per_call
-from jaxshroud.batch.plan import Plan, Runs, Tick, Ticker, completed_runs
+from jaxshroud.batch.plan import Plan, Runs, Tick, Ticker, both, completed_runs
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.states import final_states, initial_states
 from jaxshroud.batch.stepped_runs import chunk_by_chunk, select_lanes
@@ -63,8 +64,10 @@ def run_lanes(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: n
     scenes, states, copies = folded(without_given(scenes), states)
     march = march_of(scenes)
     arrived = np.zeros(len(scenes.drive.omega), bool) if arrived is None else arrived
+    lane_periods = len(scenes.drive.omega) * (plan.transient + plan.kept)
     try:
-        return unfolded_runs(march.run(march, scenes, states, plan, ticker, arrived), copies)
+        with counted("lane-periods", lane_periods) as count:
+            return unfolded_runs(march.run(march, scenes, states, plan, both(count, ticker), arrived), copies)
     except Interrupted as stopped:
         raise Interrupted(stopped.done and unfolded_runs(stopped.done, copies)) from None
 
@@ -84,7 +87,9 @@ def trajectories(scenes: Scene, states: State, grid: SampleGrid, method: Choices
     """
     scenes, states, copies = folded(scenes, states)
     march = march_of(scenes)
-    return unfolded_trajectories(march.trajectories(march, scenes, states, grid, method, ticker), copies)
+    with counted("steps", len(scenes.drive.omega) * grid.length) as count:
+        marched = march.trajectories(march, scenes, states, grid, method, both(count, ticker))
+    return unfolded_trajectories(marched, copies)
 
 
 def sampled_motions(scenes: Scene, states: State, grid: SampleGrid, method: Choices) -> Motion:

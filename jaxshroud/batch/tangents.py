@@ -12,11 +12,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.activity import counted
 from jaxshroud.batch.differentiable_samples import Schedule, samples_with_tangents
 from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.limits import CallPace, check_memory
 from jaxshroud.batch.marches import march_of
 from jaxshroud.batch.periods import CallLimits, first_passes
+from jaxshroud.batch.plan import Tick
 from jaxshroud.batch.states import by_blade, from_vector, in_scene_precision, initial_states, motion_rows, to_vector
 from jaxshroud.batch.threads import Check, in_chunks
 from jaxshroud.batch.xla import best_mapping, repeat_lane
@@ -44,25 +46,36 @@ def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Choices, tu
     if turns is None and method.amplitudes:  # one program for both
         turns = np.ones(lanes)
 
-    def run(check: Check, at: np.ndarray) -> Dual:
-        scene, state, lengths = jax.tree.map(lambda a: np.asarray(a)[at], (scenes, states, turns))
-        return _run_in_calls(scene, state, n, steps, lengths, method, check)
+    with counted("periods with derivatives", lanes * n) as count:
 
-    return in_chunks(run, lanes, width)
+        def run(check: Check, at: np.ndarray) -> Dual:
+            scene, state, lengths = jax.tree.map(lambda a: np.asarray(a)[at], (scenes, states, turns))
+            own = min(width, lanes - int(at[0]))  # the rest of the last chunk are copies
+
+            def tick(periods: float) -> None:
+                count(periods * own)
+                check()
+
+            return _run_in_calls(scene, state, n, steps, lengths, method, tick)
+
+        return in_chunks(run, lanes, width)
 
 
 def _run_in_calls(
-    scenes: Dual, states: Dual, n: int, steps: int, turns: np.ndarray | None, method: Choices, check: Check
+    scenes: Dual, states: Dual, n: int, steps: int, turns: np.ndarray | None, method: Choices, tick: Tick
 ) -> Dual:
-    """The flow of lanes, in calls to the device that are short enough for an interruption to take effect soon."""
+    """The flow of lanes, in calls to the device that are short enough for an interruption to take effect soon.
+
+    `tick` is called after each with the number of periods that it made, parts of one included.
+    """
     omega, layout = scenes.value.drive.omega, scenes.value.layout
     counts, lengths = jnp.int32(steps), None
     if turns is not None:
         counts, lengths = jnp.asarray(np.ceil(steps * turns), jnp.int32), jnp.asarray(turns, omega.dtype)
     program, flat = march_of(scenes.value).flows, np.asarray(method.flat_return, omega.dtype)
-    lanes, done, pace = program.begin(scenes, states, method), 0, CallPace(first_passes(len(omega), layout))
+    lanes, pace = program.begin(scenes, states, method), CallPace(first_passes(len(omega), layout))
+    done, told = 0, 0.0
     while done < n:
-        check()
 
         def call(passes: np.int32, left: int = n - done, lanes: Dual = lanes) -> tuple[Dual, int]:
             limits = CallLimits(jnp.int32(left), jnp.asarray(passes))
@@ -71,6 +84,9 @@ def _run_in_calls(
 
         lanes, ended = pace.timed(call, lambda result, left=n - done: result[1] < left)
         done += ended
+        now = done + (float(np.mean(lanes.value.step) / np.mean(counts)) if done < n else 0.0)
+        tick(now - told)
+        told = now
     value, slope = map(program.expanded, program.end(scenes, lanes, jnp.int32(n), lengths))
     return Dual(value, slope)
 
@@ -269,12 +285,16 @@ def motions_with_tangents(scenes: Dual, states: Dual, schedule: Schedule, wanted
     lanes = len(scenes.value.drive.omega)
     check_memory("what is sampled of the motions", lanes * schedule.samples * SAMPLE_NUMBERS * 8)
 
-    def run(check: Check, at: np.ndarray) -> SampledMotions:
-        check()
-        scene, state = jax.tree.map(lambda a: np.asarray(a)[at], (scenes, states))
-        return _sampled_chunk(scene, state, schedule, schedule.samples if wanted is None else wanted)
+    with counted("motions with derivatives", lanes) as count:
 
-    return in_chunks(run, lanes, LANES_PER_CHUNK)
+        def run(check: Check, at: np.ndarray) -> SampledMotions:
+            check()
+            scene, state = jax.tree.map(lambda a: np.asarray(a)[at], (scenes, states))
+            chunk = _sampled_chunk(scene, state, schedule, schedule.samples if wanted is None else wanted)
+            count(min(LANES_PER_CHUNK, lanes - int(at[0])))
+            return chunk
+
+        return in_chunks(run, lanes, LANES_PER_CHUNK)
 
 
 def _sampled_chunk(scenes: Dual, states: Dual, schedule: Schedule, wanted: int) -> SampledMotions:

@@ -22,8 +22,8 @@ import numpy as np
 from jax.core import Tracer
 from jax.experimental import serialize_executable
 
+from jaxshroud.activity import compilation
 from jaxshroud.cache import key as keys
-from jaxshroud.cache.compiling import compilation
 from jaxshroud.cache.garbage import no_garbage_collected
 from jaxshroud.cache.store import ProgramStore, entry_name, lead_jax_into, log, own_folder, reset_jax_cache
 

@@ -12,7 +12,7 @@ import sys
 import warnings
 from argparse import Namespace
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from importlib import import_module
 from typing import Any, NoReturn
 
@@ -20,7 +20,15 @@ import jaxshroud
 from jaxshroud.cli.command_table import COMMANDS
 from jaxshroud.cli.drawing import failed_pictures
 from jaxshroud.cli.option_table import SHARED_OPTIONS, Option
-from jaxshroud.cli.terminal import CommandError, interruptible, is_numerical_failure, one_line
+from jaxshroud.cli.progress import CommandReport, lines_written, reported
+from jaxshroud.cli.terminal import (
+    INTERRUPTED,
+    READER_GONE,
+    CommandError,
+    interruptible,
+    is_numerical_failure,
+    one_line,
+)
 from jaxshroud.io import files
 from jaxshroud.scene.checks import InputError, MachineError, hint
 from jaxshroud.version import __version__
@@ -98,8 +106,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by the shell
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115  until the end of the process
-    with ExitStack() as at_end:
-        return _run(sys.argv[1:] if arguments is None else arguments, at_end)
+    words = sys.argv[1:] if arguments is None else arguments
+    with lines_written(), reported(CommandReport(words[0] if words else "")), ExitStack() as at_end:
+        return _run(words, at_end)
 
 
 def _run(words: Sequence[str], at_end: ExitStack) -> int:
@@ -112,7 +121,7 @@ def _run(words: Sequence[str], at_end: ExitStack) -> int:
             set_up_jax()
     except Exception as error:
         return _exit_status(error)
-    with interruptible(_leave):  # only now: an import does not survive an exception of Ctrl-C
+    with interruptible(_leave) as reader_gone:  # only now: an import does not survive an exception of Ctrl-C
         try:
             with files.results_together():
                 command(options)
@@ -121,8 +130,12 @@ def _run(words: Sequence[str], at_end: ExitStack) -> int:
                 _keep_list()
         except KeyboardInterrupt as interrupt:
             _printed_interruption.append(_interruption_message(*map(str, interrupt.args)))
-            print(_printed_interruption[-1], file=sys.stderr)
-            return 130
+            with suppress(OSError):  # standard error may have had the same reader
+                print(_printed_interruption[-1], file=sys.stderr)
+            if not reader_gone.is_set():
+                return INTERRUPTED
+            _abandon_output()
+            return READER_GONE
         except Exception as error:
             return _exit_status(error)
     for line in failed_pictures:
@@ -188,7 +201,7 @@ def _exit_status(error: Exception) -> int:
     """Exit status of an error, whose message is printed as one line; an unforeseen one is raised."""
     if isinstance(error, BrokenPipeError):  # standard output is closed
         _abandon_output()
-        return 141
+        return READER_GONE
     if isinstance(error, MachineError):
         status, message = 1, str(error)
     elif isinstance(error, InputError):
@@ -238,9 +251,10 @@ def _interruption_message(written: str = "", advice: str = "") -> str:
     )
 
 
-def _leave() -> None:
+def _leave(status: int) -> None:
     """End the process at once: the second Ctrl-C."""
     files.leave_files()
     message = "" if _printed_interruption else f"{_interruption_message()}\n"
-    os.write(2, f"{SHOW_CURSOR if sys.stderr.isatty() else ''}{message}".encode())
-    os._exit(130)
+    with suppress(OSError):  # nobody reads it
+        os.write(2, f"{SHOW_CURSOR if sys.stderr.isatty() else ''}{message}".encode())
+    os._exit(status)

@@ -20,6 +20,7 @@ from jaxshroud.batch.xla import one_lane
 from jaxshroud.cache.garbage import no_garbage_collected
 from jaxshroud.cli.command_table import COMMANDS
 from jaxshroud.cli.drawing import draw
+from jaxshroud.cli.progress import progress_bar
 from jaxshroud.cli.run_options import (
     accuracy_warnings_printed,
     load_scene,
@@ -28,11 +29,10 @@ from jaxshroud.cli.run_options import (
     resolved_options,
 )
 from jaxshroud.cli.terminal import (
+    claim_directory,
     files_written,
     input_errors_at,
-    make_directory,
     print_table,
-    progress_bar,
     require_free,
     warn_status,
 )
@@ -198,8 +198,8 @@ def _plain_arguments(names: Sequence[str], file: SceneFile, options: argparse.Na
 
 
 def _claim_output(options: argparse.Namespace) -> None:
-    """Refuse files that exist, unless forced, or that cannot be written; make their folder."""
+    """Refuse files that exist, unless forced, or that cannot be written."""
     if COMMANDS[options.verb].files:
-        make_directory(options.out, COMMANDS[options.verb].files, options.force)
+        claim_directory(options.out, COMMANDS[options.verb].files, options.force)
     else:
         require_free(options.out, options.force)

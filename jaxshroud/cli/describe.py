@@ -6,7 +6,7 @@ from typing import Any
 
 import jaxshroud
 from jaxshroud.cli.command_table import COMMANDS
-from jaxshroud.cli.terminal import files_written, input_errors_at, make_directory, print_columns, print_table
+from jaxshroud.cli.terminal import claim_directory, files_written, input_errors_at, print_columns, print_table
 from jaxshroud.scene.shipped import aliases, shipped
 
 
@@ -17,7 +17,7 @@ def check_command(options: argparse.Namespace) -> None:
 
     start, file, command = time.perf_counter(), load_scene(options), COMMANDS["check"]
     if options.out is not None:
-        make_directory(options.out, command.files, options.force)
+        claim_directory(options.out, command.files, options.force)
     with input_errors_at(file.name):
         sheet = jaxshroud.check(file, **{name: getattr(options, name) for name in command.arguments})
     print_columns(file.title or file.name, *rows_of(sheet))

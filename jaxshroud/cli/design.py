@@ -14,6 +14,7 @@ from jaxshroud.batch.plan import Plan, Progress
 from jaxshroud.batch.threads import cores
 from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_with_accuracy_warnings, print_result
 from jaxshroud.cli.drawing import draw
+from jaxshroud.cli.progress import progress_bar
 from jaxshroud.cli.projection import LONG_RUN_STEPS, print_projection, projected_seconds
 from jaxshroud.cli.run_options import bounds, limits, load_scene, operating_conditions, scatters
 from jaxshroud.cli.terminal import (
@@ -21,7 +22,6 @@ from jaxshroud.cli.terminal import (
     files_written,
     input_errors_at,
     print_table,
-    progress_bar,
     shortened,
 )
 from jaxshroud.io.csv_text import read_csv

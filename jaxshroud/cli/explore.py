@@ -8,8 +8,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from jaxshroud.cli.progress import SilentReport, progress_bar, reported
 from jaxshroud.cli.run_options import load_scene
-from jaxshroud.cli.terminal import CommandError, input_errors_at, progress_bar, require_free
+from jaxshroud.cli.terminal import CommandError, input_errors_at, require_free
 from jaxshroud.io.files import place_of, write
 from jaxshroud.scene.checks import MachineError
 
@@ -55,7 +56,7 @@ def _serve(exploration: "Exploration", options: argparse.Namespace) -> None:
             with suppress(OSError):  # the address is printed
                 webbrowser.open(opened.enter_context(redirecting_file(address)).as_uri())
 
-    with opened:
+    with opened, reported(SilentReport("page")):
         server.run(ready)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from jaxshroud.batch.plan import Progress
 from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_verb, write_files
 from jaxshroud.cli.drawing import draw
+from jaxshroud.cli.progress import progress_bar
 from jaxshroud.cli.run_options import bounds, load_scene, scatters
 from jaxshroud.cli.terminal import (
     CommandError,
@@ -19,7 +20,6 @@ from jaxshroud.cli.terminal import (
     input_errors_at,
     print_columns,
     print_table,
-    progress_bar,
     require_free,
 )
 from jaxshroud.io.files import write

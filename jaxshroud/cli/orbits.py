@@ -20,13 +20,13 @@ from jaxshroud.cli.computation import (
     write_files,
 )
 from jaxshroud.cli.drawing import draw
+from jaxshroud.cli.progress import progress_bar
 from jaxshroud.cli.terminal import (
     CommandError,
     files_written,
     input_errors_at,
     print_columns,
     print_table,
-    progress_bar,
     refuse_existing,
 )
 from jaxshroud.io.store import write_json

@@ -4,7 +4,6 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from datetime import timedelta
 from time import perf_counter, process_time
 
 import jax
@@ -17,7 +16,7 @@ from jaxshroud.batch.plan import Plan, Progress, Ticker
 from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.threads import cores
-from jaxshroud.cli.terminal import progress_bar
+from jaxshroud.cli.progress import progress_bar
 from jaxshroud.scene.layout import PAIR, Direction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.valid import in_precision
@@ -31,6 +30,8 @@ LONG_ROW_STEPS = 2 * 10**8  # of single blades of rows, which take a minute
 EVENT_STEPS = 10**4  # of a row for the events of each of its blades in a period where blocks turn, and faces chatter
 LANES_PER_LONE_LANE = 16  # a lane that runs alone takes as long as this many lanes of a chunk
 GIB = 2**30  # bytes
+DURATIONS = (("days", 86400.0), ("h", 3600.0), ("min", 60.0), ("s", 1.0))  # units with their seconds
+LEAST_UNITS = 1.7  # of the largest unit in which a time is told
 
 
 class _EnoughError(Exception):
@@ -87,6 +88,12 @@ def _processor_seconds(
     return process_time() - began
 
 
+def duration(seconds: float) -> str:
+    """A time in words, as exactly as a projection knows it."""
+    name, size = next((unit for unit in DURATIONS if seconds >= LEAST_UNITS * unit[1]), DURATIONS[-1])
+    return f"{seconds / size:.2g} {name}" if seconds < 10 * size else f"{round(seconds / size)} {name}"
+
+
 def print_projection(
     lanes: int,
     kept: int,
@@ -110,12 +117,12 @@ def print_projection(
         place: Where results are stored.
         blades: Blades of each lane.
     """
-    spent = timedelta(seconds=round(cpu))
-    wall_text = "" if wall is None else f", {timedelta(seconds=round(wall))} h on {cores()} core{'s' * (cores() > 1)}"
+    free = f"{cores()} free core{'s' * (cores() > 1)}"
+    wall_text = "" if wall is None else f", about {duration(wall)} on {free}"
     memory = sweep_memory(lanes, kept, lanes_held, blades) / GIB
     size = results_size(lanes, kept, samples=samples, blades=blades) / GIB
     print(
-        f"{lanes} lanes: some {spent} h of processor time{wall_text}, {memory:.3g} GiB of memory, "
+        f"{lanes} lanes: about {duration(cpu)} of processor time{wall_text}, {memory:.3g} GiB of memory, "
         f"{size:.3g} GiB of results{place}",
         file=sys.stderr,
     )

@@ -10,6 +10,7 @@ from typing import Unpack
 import numpy as np
 
 from jaxshroud.batch.held_contact import is_linear
+from jaxshroud.cli.progress import progress_bar
 from jaxshroud.cli.terminal import CommandError, input_errors_at
 from jaxshroud.io.lane_status import AccuracyWarning
 from jaxshroud.march.method import Choices, Method, RungeKutta, Taylor
@@ -26,6 +27,7 @@ from jaxshroud.verbs.settled import default_state, in_state, settling_periods
 
 METHOD_OPTIONS = ("tableau", "order", "step_tolerance", "locate", "precision")
 MANY_PERIODS = 100  # in which free vibration dies out
+TRIAL_UNIT = "lane-periods of a trial of a method"  # of progress
 CHOSEN_BY_ACCURACY = ("steps_per_period", *METHOD_OPTIONS)
 
 
@@ -63,7 +65,8 @@ def resolve_march(
         usual: The method where steps alone are given, with a ledger or without.
         trials: How methods are tried.
     """
-    with input_errors_at(f"{file.name}: [run]"):
+    with input_errors_at(f"{file.name}: [run]"), progress_bar(TRIAL_UNIT) as report:
+        trials["progress"] = report
         march = plan_march(resolved, scenes, usual, **trials)
     _print_choice(file, scenes, march.tried, options)
     if is_linear(scenes):
@@ -100,8 +103,8 @@ def resolve_method(
 ) -> tuple[Choices, Choice | None]:
     """The same without steps, which may be too long, and by the word of the table where it has one."""
     resolved = resolved_options(file, options, usual)
-    with input_errors_at(f"{file.name}: [run]"):
-        method, choice = choose_method(resolved, scenes, usual, periods=0)
+    with input_errors_at(f"{file.name}: [run]"), progress_bar(TRIAL_UNIT) as report:
+        method, choice = choose_method(resolved, scenes, usual, periods=0, progress=report)
     _print_choice(file, scenes, MarchPlan(0, method, choice).tried, options)
     return method, choice
 

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jaxshroud.cli.command_table import COMMANDS, SWEEP_KINDS
-from jaxshroud.cli.terminal import CommandError, progress_bar, require_free
+from jaxshroud.cli.progress import progress_bar
+from jaxshroud.cli.terminal import CommandError, require_free
 from jaxshroud.io.files import place_of
 from jaxshroud.io.store import read, read_json
 from jaxshroud.scene.checks import Error, InputError, StoreError

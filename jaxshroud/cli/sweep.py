@@ -17,15 +17,15 @@ from jaxshroud.batch.threads import Interrupted
 from jaxshroud.cli.computation import DATASETS, PICTURES, STATISTICS, import_in_background, with_origin
 from jaxshroud.cli.drawing import draw
 from jaxshroud.cli.option_table import Along, count
+from jaxshroud.cli.progress import progress_bar
 from jaxshroud.cli.projection import print_projection_of_long_run
 from jaxshroud.cli.run_options import accuracy_warnings_printed, load_scene, resolve_march, resolved_options
 from jaxshroud.cli.terminal import (
     CommandError,
+    claim_directory,
     files_written,
     input_errors_at,
-    make_directory,
     print_table,
-    progress_bar,
     warn_status,
 )
 from jaxshroud.io.files import place_of, written_files
@@ -169,12 +169,12 @@ def _changed_axis(file: SceneFile, along: Along) -> Axis:
 def _claim_store(file: SceneFile, options: argparse.Namespace) -> Path | None:
     """Where the sweep is stored block by block, None where it is a file; files that exist are refused, or replaced."""
     if not _is_stored(file, options):
-        make_directory(options.out, ("sweep.nc", "sweep.png", "summary.json"), options.force)
+        claim_directory(options.out, ("sweep.nc", "sweep.png", "summary.json"), options.force)
         return None
     store = options.out / "sweep.zarr"
     if store.exists() and not (options.resume or options.force):
         raise CommandError(f"{store}: exists and is kept; give --resume to go on with it, or --force to replace it")
-    make_directory(options.out, () if options.resume else (store.name, "sweep.png", "summary.json"), options.force)
+    claim_directory(options.out, () if options.resume else (store.name, "sweep.png", "summary.json"), options.force)
     if options.force and not options.resume:
         remove_store(store)
     return store

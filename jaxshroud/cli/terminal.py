@@ -1,17 +1,18 @@
-"""What all commands share on a terminal: messages of one line, tables, progress, and what ends a command."""
+"""What all commands share on a terminal: messages of one line, tables, and what ends a command."""
 
+import errno
 import os
+import select
 import signal
+import stat
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from datetime import timedelta
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from jaxshroud.cache.compiling import is_compiling
 from jaxshroud.io import files
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.checks import InputError, NumericalError, StoreError
@@ -19,11 +20,12 @@ from jaxshroud_command import END_SIGNALS
 
 MAX_MESSAGE_LENGTH = 600  # characters of a message
 TABLE_DIGITS = 6  # of floats in tables
-LINE_INTERVAL = 10.0  # seconds from line to line of a progress report
-KNOWN_SHARE = 0.1  # of a run, after which it is told when it ends
 HEARD_WITHIN = 2.0  # seconds from a signal to the exception in the main thread, if that does not compile
 TOLD_TWICE = 1.0  # seconds within which SIGTERM or SIGHUP after a signal is the same one
 REPEATED_SIGNAL = b"\0"  # written in place of a signal's number
+STDOUT = 1  # its handle
+ENDS_WITHIN = 300  # milliseconds after its reader has gone, a command that is about to end
+INTERRUPTED, READER_GONE = 130, 141  # exit statuses
 
 
 class CommandError(InputError):
@@ -94,125 +96,33 @@ def require_free(path: Path, force: bool) -> None:
         raise CommandError(f"{path}: {path.parent} is not writable; choose another --out")
 
 
-def make_directory(path: Path, names: Sequence[str], force: bool) -> None:
-    """Make a directory for results with these names, none of which may exist unless forced."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CommandError(f"{path}: cannot be made ({error.strerror}); choose another --out") from None
-    for name in names:
-        require_free(path / name, force)
+def claim_directory(path: Path, names: Sequence[str], force: bool) -> None:
+    """Refuse a directory for results with these names, one of which exists, unless forced, or that cannot be made.
 
-
-class ProgressRate:
-    """The rate of work, and the time that is left, from what was done since the first report of it.
-
-    What comes before that is compilation, which is not repeated. Of work in several parts the latest counts.
+    It is made with the first file that is written there: a command that writes nothing leaves none.
     """
-
-    def __init__(self, clock: Callable[[], float]):
-        self.clock, self.done, self.total = clock, 0.0, 0
-        self.first: tuple[float, float] | None = None  # the time [s] of the first report and what was done by then
-
-    def __call__(self, done: float, total: int) -> None:
-        """Report that `done` of `total` units are done; a total of 0 is not known."""
-        if done and (self.first is None or done < self.done):
-            self.first = self.clock(), done
-        self.done, self.total = done, total
-
-    @property
-    def rate(self) -> float:
-        """Units done in a second; 0 where that is not known."""
-        if self.first is None or self.done <= self.first[1]:
-            return 0.0
-        return (self.done - self.first[1]) / max(self.clock() - self.first[0], 1e-9)
-
-    def __str__(self) -> str:
-        if not self.rate:
-            return ""
-        if not KNOWN_SHARE * self.total <= self.done < self.total:
-            return f", {self.rate:.3g}/s"
-        left = timedelta(seconds=round((self.total - self.done) / self.rate))
-        return f", {self.rate:.3g}/s, {left} left"
+    if why := _why_not_made(path):
+        raise CommandError(f"{path}: cannot be made ({why}); choose another --out")
+    for name in names:
+        if path.is_dir():
+            require_free(path / name, force)
+        else:
+            refuse_existing(path / name, force)
+    files.expect_folder(path)
 
 
-class ProgressLines:
-    """A progress report; while it is open, a thread writes a line on standard error every `LINE_INTERVAL` seconds."""
-
-    def __init__(
-        self, unit: str, clock: Callable[[], float] = time.monotonic, pause: Callable[[float], bool] | None = None
-    ):
-        """A report in `unit`.
-
-        Args:
-            unit: What is counted.
-            clock: The time [s].
-            pause: Waits for so many seconds; true where there are to be no more lines.
-        """
-        self.unit, self.clock, self.start, self.rate = unit, clock, clock(), ProgressRate(clock)
-        self.ended = threading.Event()
-        self.pause = pause or self.ended.wait
-        self.writer = threading.Thread(target=self._write, daemon=True)
-
-    def __call__(self, done: float, total: int) -> None:
-        """Report that `done` of `total` units are done."""
-        self.rate(done, total)
-
-    def __str__(self) -> str:
-        since, done = timedelta(seconds=round(self.clock() - self.start)), self.rate.done
-        share = (f"{done} of {self.rate.total}" if self.rate.total else str(done)) if done else "none"
-        return f"{self.unit}: {share} in {since}{self.rate}{_compiling_text()}"
-
-    def __enter__(self) -> "ProgressLines":
-        self.writer.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.ended.set()
-        self.writer.join()
-
-    def _write(self) -> None:
-        while not self.pause(LINE_INTERVAL):
-            with suppress(OSError, ValueError):  # standard error is closed
-                print(self, file=sys.stderr, flush=True)
-
-
-def _compiling_text() -> str:
-    """What a report says while programs are being compiled."""
-    return " (compiling)" if is_compiling() else ""
-
-
-@contextmanager
-def progress_bar(unit: str):
-    """A progress report with rate and time left on standard error: a bar on a terminal, else lines."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-    from rich.text import Text
-
-    rate = ProgressRate(time.monotonic)
-
-    class Rate(TextColumn):
-        def render(self, task):
-            return Text(str(rate).removeprefix(", "))
-
-    class Description(TextColumn):
-        def render(self, task):
-            return Text(f"{task.description}{_compiling_text()}")
-
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        with ProgressLines(unit) as report:
-            yield report
-        return
-    columns = (Description(""), BarColumn(), MofNCompleteColumn(), Rate(""))
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task(unit, total=None)
-
-        def report(done: float, total: int) -> None:
-            rate(done, total)
-            bar.update(task, completed=done, total=total or None)
-
-        yield report
+def _why_not_made(path: Path) -> str:
+    """Why a directory is not there and cannot be made; empty if it can."""
+    try:
+        return "" if stat.S_ISDIR(path.stat().st_mode) else os.strerror(errno.EEXIST)
+    except FileNotFoundError:
+        pass
+    except OSError as error:
+        return error.strerror or str(error)
+    if path.is_symlink():  # that leads nowhere
+        return os.strerror(errno.EEXIST)
+    nearest = next(parent for parent in path.absolute().parents if parent.exists())
+    return "" if os.access(nearest, os.W_OK | os.X_OK) else os.strerror(errno.EACCES)
 
 
 def files_written() -> str:
@@ -259,8 +169,11 @@ def print_columns(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]
 
 
 @contextmanager
-def interruptible(leave: Callable[[], None]) -> Iterator[None]:
+def interruptible(leave: Callable[[int], None]) -> Iterator[threading.Event]:
     """Within, Ctrl-C raises KeyboardInterrupt, and a second one calls `leave`, which must end the process.
+
+    `leave` is called with its exit status. Where standard output is a pipe, as in `| head`, and its reader goes, that
+    is an interruption too, and the event that is yielded is set.
 
     SIGTERM and SIGHUP are the same as Ctrl-C; those that follow a signal within a second are the same one told twice,
     as by a shell that ends with its terminal. Python itself hears signals only between operations of its main thread,
@@ -269,8 +182,9 @@ def interruptible(leave: Callable[[], None]) -> Iterator[None]:
     collector, it is raised again. Outside the main thread nothing changes, nor for a signal that is ignored (`nohup`).
     """
     heeded = [number for number in END_SIGNALS if signal.getsignal(number) != signal.SIG_IGN]
+    reader_gone = threading.Event()
     if threading.current_thread() is not threading.main_thread() or not heeded:
-        yield
+        yield reader_gone
         return
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
@@ -294,10 +208,10 @@ def interruptible(leave: Callable[[], None]) -> Iterator[None]:
     handlers = {number: signal.signal(number, interrupt) for number in heeded}
     outer_fd = signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
     sys.unraisablehook = repeat_ignored
-    listener = threading.Thread(target=_listen, args=(reader, heeded, is_raised, leave), daemon=True)
+    listener = threading.Thread(target=_listen, args=(reader, heeded, is_raised, reader_gone, leave), daemon=True)
     listener.start()
     try:
-        yield
+        yield reader_gone
     finally:
         sys.unraisablehook = outer_hook
         signal.set_wakeup_fd(outer_fd)
@@ -309,12 +223,32 @@ def interruptible(leave: Callable[[], None]) -> Iterator[None]:
 
 
 def _listen(
-    reader: int, heeded: Sequence[signal.Signals], is_raised: threading.Event, leave: Callable[[], None]
+    reader: int,
+    heeded: Sequence[signal.Signals],
+    is_raised: threading.Event,
+    reader_gone: threading.Event,
+    leave: Callable[[int], None],
 ) -> None:
-    presses, since = 0, 0.0
-    deaf = threading.Timer(HEARD_WITHIN, lambda: is_raised.is_set() or leave())
+    presses, since, poll = 0, 0.0, select.poll()
+    poll.register(reader, select.POLLIN)
+    if _is_pipe(STDOUT):
+        poll.register(STDOUT, 0)  # an error, which is always told, is that nobody reads it any more
+
+    def end() -> None:
+        leave(READER_GONE if reader_gone.is_set() else INTERRUPTED)
+
+    deaf = threading.Timer(HEARD_WITHIN, lambda: is_raised.is_set() or end())
     deaf.daemon = True
-    while number := os.read(reader, 1):
+    while True:
+        if STDOUT in dict(poll.poll()):
+            poll.unregister(STDOUT)
+            if not presses and not poll.poll(ENDS_WITHIN):  # nor does it end by itself, as one that writes just then
+                reader_gone.set()
+                signal.pthread_kill(threading.main_thread().ident or 0, heeded[0])
+            continue
+        number = os.read(reader, 1)
+        if not number:
+            break
         if number == REPEATED_SIGNAL:
             presses -= 1  # the repetition is no press of its own
             time.sleep(0.02)  # main thread out of the callback by then
@@ -325,8 +259,15 @@ def _listen(
             if deaf.ident is None:
                 deaf.start()
         if presses == 2:
-            leave()
+            end()
     deaf.cancel()
+
+
+def _is_pipe(stream: int) -> bool:
+    try:
+        return stat.S_ISFIFO(os.fstat(stream).st_mode)
+    except OSError:  # it is closed
+        return False
 
 
 def _let_go_of_closed(terminals: Sequence[int]) -> None:

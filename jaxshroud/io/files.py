@@ -16,6 +16,7 @@ SECONDS_TO_PLACE = 1.0  # that a process which ends at once waits for files that
 written_files: dict[Path, Path] = {}  # results of the command: where each was to be -> where it is
 kept_files: list[Path] = []  # that have appeared while the command ran, where its results were to be
 _free_names: set[Path] = set()  # that the command has found free
+_folders: set[Path] = set()  # for results of the command, which are made with the first of them
 _waiting: list[WholeFile] | None = None  # complete results of the command that runs
 _placing = RLock()
 
@@ -28,7 +29,7 @@ def results_together() -> Iterator[None]:
         WriteError: A result cannot be put in its place.
     """
     global _waiting
-    for names in (written_files, kept_files, _free_names):
+    for names in (written_files, kept_files, _free_names, _folders):
         names.clear()
     _waiting = []
     try:
@@ -45,6 +46,11 @@ def expect_free(path: Path) -> None:
     _free_names.add(path)
 
 
+def expect_folder(path: Path) -> None:
+    """Note that results are to be in a folder, which is made with the first of them."""
+    _folders.add(path)
+
+
 def write(path: Path, content: bytes | memoryview, *, is_result: bool = True) -> None:
     """Write a file. What killed runs have left of it is removed first.
 
@@ -59,6 +65,8 @@ def write(path: Path, content: bytes | memoryview, *, is_result: bool = True) ->
     if not path.name:
         raise WriteError(f"{path}: is a folder; give the name of a file")
     try:
+        if path.parent in _folders:
+            path.parent.mkdir(parents=True, exist_ok=True)
         if is_result and _waiting is not None:
             remove_leftovers(path)
             for earlier in [file for file in _waiting if file.path == path]:

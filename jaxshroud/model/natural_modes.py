@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from jaxshroud.activity import counted
 from jaxshroud.model.coupling import (
     CouplingMatrices,
     coupling_matrices,
@@ -245,12 +246,14 @@ def speed_curves(blades: LinearContact, contact: NaturalContact, growth: Growth,
     """
     of = _oscillators(blades, contact, growth)
     found = np.empty((len(of.at_rest), len(squares)))
-    for places in (np.flatnonzero(squares >= of.square), np.flatnonzero(squares < of.square)[::-1]):
-        shapes = of.modes(of.square)[1]
-        for i in places:
-            values, vectors = of.modes(float(squares[i]))
-            order = _matching(shapes, vectors)
-            shapes, found[:, i] = vectors[:, order], np.sqrt(np.maximum(values[order], 0.0))
+    with counted(f"speeds of blades that are {contact}", len(squares)) as count:
+        for places in (np.flatnonzero(squares >= of.square), np.flatnonzero(squares < of.square)[::-1]):
+            shapes = of.modes(of.square)[1]
+            for i in places:
+                values, vectors = of.modes(float(squares[i]))
+                order = _matching(shapes, vectors)
+                shapes, found[:, i] = vectors[:, order], np.sqrt(np.maximum(values[order], 0.0))
+                count(1)
     return found
 
 
@@ -307,8 +310,11 @@ def pressed_ranges(
     def least(speed):
         return float(np.min(static_normal_forces(blades, growth, by, speed**2)))
 
-    speeds = np.linspace(start, stop, POINTS_OF_RANGE)
-    pressed = np.array([least(speed) > 0 for speed in speeds])
+    speeds, pressed = np.linspace(start, stop, POINTS_OF_RANGE), np.zeros(POINTS_OF_RANGE, bool)
+    with counted("speeds at which faces are pressed", POINTS_OF_RANGE) as count:
+        for i, speed in enumerate(speeds):
+            pressed[i] = least(speed) > 0
+            count(1)
     changes = np.flatnonzero(pressed[1:] != pressed[:-1])
     ends = [_change_of_sign(least, float(speeds[i]), float(speeds[i + 1])) for i in changes]
     ends = [*([start] if pressed[0] else []), *ends, *([stop] if pressed[-1] else [])]

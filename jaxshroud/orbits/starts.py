@@ -119,17 +119,22 @@ class LaneEnds(NamedTuple):
 
 
 def run_until_settled(scene: Scene, states: State, max_periods: int, steps: int, method, ticker: Tick) -> LaneEnds:
-    """Run lanes until they repeat and are settled, for `max_periods` periods at most."""
+    """Run lanes until they repeat and are settled, for `max_periods` periods at most.
+
+    The ticker counts what lanes that end before that need not run as done.
+    """
     ends = _run_round(
         scene,
         states,
         Plan(max(min(FIRST_ROUND_PERIODS, max_periods) - KEPT_PERIODS, 0), KEPT_PERIODS, steps, 0.0, method),
         ticker,
     )
-    simulated = max(FIRST_ROUND_PERIODS, KEPT_PERIODS)
+    simulated, running = max(FIRST_ROUND_PERIODS, KEPT_PERIODS), len(ends.status)
     while simulated < max_periods:
         pending = np.flatnonzero((ends.number == 0) & (ends.status == Status.OK))
-        if not len(pending):
+        ticker((running - len(pending)) * (max_periods - simulated))
+        running = len(pending)
+        if not running:
             break
         plan = Plan(min(simulated, max_periods - simulated) - KEPT_PERIODS, KEPT_PERIODS, steps, 0.0, method)
         if plan.transient < 0:

@@ -246,6 +246,40 @@ def test_damaged_files_are_named(stored, tmp_path, capsys):
     assert "power.json: cannot be read" in refused(capsys, "plot", tmp_path)
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("power", "table1", "--steps-per-period", "3"),  # refused once its steps are known
+        ("tune", "table1", "--over", "no.key=1:2"),
+        ("sweep", "table1", "--along", "contact.gamma", "--values", "1,2", "--periods", "2", "--tableau", "rk5"),
+        ("gradient", "table1", "--wrt", "no.key"),
+    ],
+)
+def test_a_refused_command_leaves_no_folder(words, tmp_path, capsys):
+    assert cli.main([*words, "--out", str(tmp_path / "new" / "out")]) == 2
+    assert not [*tmp_path.iterdir()]
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_an_interrupted_command_leaves_no_folder_and_one_that_was_there(tmp_path, capsys, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("jaxshroud.power", interrupted)
+    (tmp_path / "own").mkdir()
+    for name in ("out", "own"):
+        assert cli.main(["power", "table1", "--steps-per-period", "400", "--out", str(tmp_path / name)]) == 130
+    assert [path.name for path in tmp_path.iterdir()] == ["own"]
+    assert capsys.readouterr().err.count("interrupted; nothing was written") == 2
+
+
+@pytest.mark.parametrize(("place", "why"), [("file", "File exists"), ("file/out", "Not a directory")])
+def test_a_folder_that_cannot_be_made_is_refused_at_once(place, why, tmp_path, capsys):
+    (tmp_path / "file").write_text("of somebody else")
+    assert cli.main(["power", "table1", "--out", str(tmp_path / place)]) == 2
+    assert capsys.readouterr().err == f"{tmp_path / place}: cannot be made ({why}); choose another --out\n"
+
+
 def test_a_failed_write_leaves_nothing(tmp_path, capsys, monkeypatch):
     def fail(*_, **__):
         raise OSError(28, "No space left on device")

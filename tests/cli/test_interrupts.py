@@ -108,9 +108,9 @@ def until(process, done):
 
 
 def ended(process):
-    """Exit status and standard error; the limit only catches a process that hangs."""
-    told = process.communicate(timeout=600)
-    return process.returncode, told[1]
+    """Exit status and standard error, without what tells that a command is at work; a limit for one that hangs."""
+    told = process.communicate(timeout=600)[1].splitlines(keepends=True)
+    return process.returncode, "".join(line for line in told if ": at work for " not in line)
 
 
 @SIGNALS
@@ -134,6 +134,21 @@ def test_an_interrupted_sweep_keeps_the_lanes_that_had_ended(tmp_path, number):
         assert ds["status"].attrs["flag_meanings"].split()[4] == "NOT_RUN"
     assert json.loads((out / "summary.json").read_text())["status"]["NOT_RUN"] == (lanes == Status.NOT_RUN).sum()
     assert sorted(p.name for p in out.iterdir()) == ["summary.json", "sweep.nc"]
+
+
+def test_a_command_whose_reader_has_gone_ends_and_keeps_what_had_ended(tmp_path):
+    # As in `| head`: it has nothing to say on standard output before its end, and is not to run on until then.
+    out = tmp_path / "s"
+    process = begun(COMMAND.format(pause=0).replace("flush", "file=sys.stderr, flush"), *LONG, "--out", out)
+    with process.stderr as told:
+        for line in told:
+            if line[0].isdigit() and float(line) >= 20 * 64 * 20:
+                break
+        process.stdout.close()
+        assert told.readlines()[-1].startswith("interrupted; ")
+    assert process.wait(timeout=600) == 141
+    with xr.open_dataset(out / "sweep.nc", engine="h5netcdf") as ds:
+        assert set(ds["status"].to_numpy()) == {Status.OK, Status.NOT_RUN}
 
 
 def test_a_second_interrupt_ends_the_process_at_once(tmp_path):
@@ -177,7 +192,7 @@ def test_a_signal_that_is_ignored_at_the_start_stays_so(number):
     calls = []
 
     def signalled():
-        with interruptible(lambda: calls.append("left")):
+        with interruptible(lambda _: calls.append("left")):
             os.kill(os.getpid(), number)
             time.sleep(0.01)
             calls.append("went on")
@@ -195,7 +210,7 @@ def test_a_signal_told_twice_is_one(number):
     calls = []
 
     def signalled():
-        with interruptible(lambda: calls.append("left")):
+        with interruptible(lambda _: calls.append("left")):
             try:
                 os.kill(os.getpid(), number)
                 time.sleep(60)
@@ -243,7 +258,7 @@ def test_an_interrupt_that_python_must_ignore_is_repeated():
             time.sleep(0.01)  # handled, and ignored, within the callback
 
     def collect():
-        with interruptible(lambda: calls.append("left")):
+        with interruptible(lambda _: calls.append("left")):
             gc.collect()
             time.sleep(60)
 
@@ -293,7 +308,7 @@ def test_a_continued_sweep_keeps_the_rows_that_had_ended(direction):
 DEAF = """
 import hashlib, os
 from jaxshroud.cli.terminal import interruptible
-with interruptible(lambda: os._exit(77)):
+with interruptible(lambda _: os._exit(77)):
     print("deaf", flush=True)
     hashlib.pbkdf2_hmac("sha256", b"", b"", 50_000_000)  # some ten seconds in which Python hears nothing
 """

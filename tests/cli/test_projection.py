@@ -48,3 +48,16 @@ def test_a_trial_ends_after_a_share_of_the_run_or_some_seconds(periods, seconds)
         projected = projection.projected_seconds(lanes, Plan(0, periods, 100, 0.0, FAST))
     assert projected == pytest.approx(20 * periods * 3 * 0.5)
     assert clock[0] == pytest.approx(seconds)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(0.42, "0.42 s"), (48.3, "48 s"), (120.0, "2 min"), (1248.0, "21 min"), (20000.0, "5.6 h"), (4e5, "4.6 days")],
+)
+def test_a_time_is_told_in_words(capsys, monkeypatch, seconds, words):
+    # As one says it, to two digits: trials know no more.
+    monkeypatch.setattr(projection, "cores", lambda: 2)
+    projection.print_projection(20, 64, 2 * seconds, seconds)
+    told = capsys.readouterr().err
+    assert f"of processor time, about {words} on 2 free cores, " in told
+    assert ":" not in told.partition("lanes:")[2]

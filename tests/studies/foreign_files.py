@@ -32,7 +32,7 @@ import numpy as np
 import xarray as xr
 
 from jaxshroud.cli.commands import main as command
-from jaxshroud.cli.terminal import make_directory
+from jaxshroud.cli.terminal import claim_directory
 from jaxshroud.io import files
 from jaxshroud.io.csv_text import read_csv
 from jaxshroud.io.measurements import read_measurements
@@ -118,7 +118,7 @@ def patience() -> Iterator[None]:
 def write_folder(out: Path) -> int:
     """Write the results of a command of several files; its exit status."""
     with files.results_together():
-        make_directory(out, NAMES, force=False)
+        claim_directory(out, NAMES, force=False)
         for name in NAMES:
             files.write(out / name, name.encode() * 1000)
     return 1 if files.kept_files else 0

@@ -429,7 +429,7 @@ def test_scenes_and_numbers_without_samples_are_stored_too(scene, tmp_path):
 def test_a_long_run_says_first_what_it_will_take(words, capsys, monkeypatch, long, told):
     monkeypatch.setattr(projection, "LONG_RUN_STEPS", long)
     assert cli.main(words) == 0
-    line = [line for line in capsys.readouterr().err.splitlines() if line.startswith("200 lanes: some ")]
+    line = [line for line in capsys.readouterr().err.splitlines() if line.startswith("200 lanes: about ")]
     assert bool(line) == told
     if told:
         assert "GiB of memory" in line[0]
@@ -441,7 +441,7 @@ def test_a_long_run_in_a_direction_says_so_too(words, capsys, monkeypatch, direc
     monkeypatch.setattr(projection, "LONG_RUN_STEPS", 0)
     lanes = 20 * (3 if direction == "both" else 1)
     assert cli.main([*words, "--num", "20", "--direction", direction]) == 0
-    assert any(line.startswith(f"{lanes} lanes: some ") for line in capsys.readouterr().err.splitlines())
+    assert any(line.startswith(f"{lanes} lanes: about ") for line in capsys.readouterr().err.splitlines())
 
 
 def foreign(path, kind):
