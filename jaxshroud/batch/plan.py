@@ -49,7 +49,7 @@ class Plan:
 def both(one: Tick, other: Tick) -> Tick:
     """A callback that calls two."""
 
-    def tick(lane_periods: float) -> None:
+    def tick(lane_periods: int | float) -> None:
         one(lane_periods)
         other(lane_periods)
 

@@ -81,7 +81,7 @@ def drive_at_order(drive: Drive, before: Any, after: Any) -> Drive:
     return drive.with_orders(next(iter(found)), by_engine_order=True)
 
 
-def _orders_at(drive: Drive, before: float, after: float) -> tuple[int, ...]:
+def _orders_at(drive: Drive, before: int | float, after: int | float) -> tuple[int, ...]:
     listed = drive.harmonic or ()
     return tuple(
         order_of(round(one.order * before), after, i) if one.by_engine_order else one.order

@@ -59,7 +59,7 @@ def set_orders(drive: DriveTable, name: str) -> None:
         _set_orders(drive, _orders_of(drive, of, name, name))
 
 
-def with_plain_entries(drive: Mapping[str, Any], engine_order: float) -> DriveTable:
+def with_plain_entries(drive: Mapping[str, Any], engine_order: int | float) -> DriveTable:
     """The entries of a [drive] with that engine order, without engine orders of harmonics."""
     entries = {**drive, "engine_order": engine_order}
     set_orders(entries, "")
@@ -81,7 +81,7 @@ def _orders_of(drive: DriveTable, of: Collection[int | None], name: str, where: 
     return orders | {i: order_of(own, base, i, where) for i, own in enumerate(of) if own is not None}
 
 
-def _plain_number(value: Any) -> float | None:
+def _plain_number(value: Any) -> int | float | None:
     """The number that a file gives; None for what is none, which is reported later."""
     try:
         number = to_si("", value)
@@ -110,7 +110,7 @@ def _divisor(orders: Collection[int | None], where: str) -> int:
     return math.gcd(*given) * (-1 if max(given) < 0 else 1)
 
 
-def order_of(engine_order: int, base: float, i: int, where: str = "") -> int:
+def order_of(engine_order: int, base: int | float, i: int, where: str = "") -> int:
     """The order of harmonic i, from its engine order and that of the drive.
 
     Raises:
