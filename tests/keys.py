@@ -27,6 +27,7 @@ or a pair `[left, right]`; `blades.m[0]` is the left blade's alone. Exactly one 
 given. What is there per interface is one number for the two blades of a pair, which have one interface, and one number
 or a list in a [row of blades](#rows-of-blades). Lists have brackets wherever they are written,
 `--set 'drive.beta=[10 deg, 0.5]'`, and the decimal mark is a point: `3,57` is refused.
+In SI units no number is larger than 1e30, and what is > 0 is at least 1e-30.
 
 | key | symbol | unit | range | per | default | example | |
 |---|---|---|---|---|---|---|---|
@@ -131,8 +132,9 @@ table = "pressure.csv"   # angle [deg], F_x [N], F_y [N], M [N m]: the angle, an
 harmonics = 3            # of the orders 1 to 3, by least squares
 ```
 
-The path counts from the folder of the scene file. The mean of the table becomes the mean load, and `check` tells what
-the harmonics leave out: the RMS of the rest over that of the table about its mean. Results hold the harmonics.
+The path counts from the folder of the scene file. A last row may close the period with the loads of the first. The mean
+of the table becomes the mean load, and `check` tells what the harmonics leave out: the RMS of the rest over that of the
+table about its mean. Results hold the harmonics.
 
 | key | symbol | unit | range | per | default | example | |
 |---|---|---|---|---|---|---|---|

@@ -24,7 +24,6 @@ from jaxshroud.cli.terminal import (
     print_table,
     shortened,
 )
-from jaxshroud.io.csv_text import read_csv
 from jaxshroud.io.files import write
 from jaxshroud.io.store import write_json
 from jaxshroud.march.method import FOR_P_D
@@ -32,6 +31,7 @@ from jaxshroud.march.method_names import LARGEST_FIRST
 from jaxshroud.results.base import ORIGIN
 from jaxshroud.results.scatter import Report
 from jaxshroud.results.tuned import Tuned
+from jaxshroud.scene.csv_text import read_csv
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import parse_key
 from jaxshroud.scene.quantities import is_reduction, unit_of

@@ -30,6 +30,7 @@ from jaxshroud.orbits.bifurcation import grazing_margins
 from jaxshroud.results.fit import Fit, FittedNumber
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.results.scatter import SHARES, Scatter
+from jaxshroud.scene.drive_orders import check_continuous
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import parse_key
 from jaxshroud.scene.quantities import Quantity, is_reduction, unit_of
@@ -62,8 +63,13 @@ def _gradient_arguments(file: SceneFile, options: argparse.Namespace) -> dict[st
         with input_errors_at(file.name):
             check_vibration(of, file.scene)
             check_resonance(of, file.scene)
-    keys = [key.strip() for key in options.wrt.split(",")]
-    return {"wrt": "all" if options.wrt == "all" else list(dict.fromkeys(keys))}
+    if options.wrt == "all":
+        return {"wrt": "all"}
+    keys = [*dict.fromkeys(key.strip() for key in options.wrt.split(","))]
+    with input_errors_at(f"--wrt {options.wrt}"):
+        for key in keys:
+            check_continuous(key, file.scene)
+    return {"wrt": keys}
 
 
 def _call_gradient(call: VerbCall, progress: Progress) -> Gradient:

@@ -62,8 +62,9 @@ def write(path: Path, content: bytes | memoryview, *, is_result: bool = True) ->
     Raises:
         WriteError: The path cannot be written; then no part of the file exists.
     """
-    if not path.name:
-        raise WriteError(f"{path}: is a folder; give the name of a file")
+    if not path.name or "\0" in str(path):
+        fault = "holds a NUL byte" if path.name else "is a folder"
+        raise WriteError(f"{path}: {fault}; give the name of a file")
     try:
         if path.parent in _folders:
             path.parent.mkdir(parents=True, exist_ok=True)

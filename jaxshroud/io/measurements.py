@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxshroud.io.csv_text import csv_rows, read_csv_text
 from jaxshroud.scene.checks import InputError, hint
+from jaxshroud.scene.csv_text import csv_rows, read_csv_text
 from jaxshroud.scene.keys import KEYS
 from jaxshroud.scene.measurements import BLADES, MEASURES, Channel, Measurements
 from jaxshroud.scene.quantities import DISPLACEMENTS

@@ -59,16 +59,19 @@ def told_apart(value: float, limit: float) -> str:
     return next((text for text in texts if text != f"{limit:g}"), f"{value:g}")
 
 
-def did_you_mean(word: str, known: Sequence[str]) -> str:
-    """A suggestion of the `known` word that may have been meant, as the end of a message; empty if none is close."""
+def did_you_mean(word: str, known: Sequence[str], before: str = "") -> str:
+    """A suggestion of the `known` word that may have been meant, as the end of a message; empty if none is close.
+
+    What stands `before` each of the words is shown with it.
+    """
     by_lower_case = {k.casefold(): k for k in known}
     close = difflib.get_close_matches(word.casefold(), by_lower_case, n=1)
-    return f"; did you mean `{by_lower_case[close[0]]}`?" if close else ""
+    return f"; did you mean `{before}{by_lower_case[close[0]]}`?" if close else ""
 
 
-def hint(word: str, known: Sequence[str]) -> str:
-    """The cure for an unknown word: a suggestion, or all `known` words."""
-    return did_you_mean(word, known) or f"; known are {', '.join(known)}"
+def hint(word: str, known: Sequence[str], before: str = "") -> str:
+    """The cure for an unknown word: a suggestion, or all `known` words; see `did_you_mean`."""
+    return did_you_mean(word, known, before) or f"; known are {', '.join(before + one for one in known)}"
 
 
 def word_argument(name: str, word: object, words: Any) -> None:

@@ -5,9 +5,11 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 from jaxshroud.scene.checks import SceneError, fail, toml_text
+from jaxshroud.scene.key import ANY
 from jaxshroud.scene.keys import MAX_ORDER, SINGLE_LOADS
 from jaxshroud.scene.optional import HarmonicForm, harmonic_count, harmonic_forms, require_number
 from jaxshroud.scene.speed import depends_on_speed, keys_in
+from jaxshroud.scene.typed import is_number
 from jaxshroud.scene.units import to_si
 
 DriveTable = dict[str, Any]
@@ -46,7 +48,9 @@ def resolve_orders(
         orders = {i: drive.get(f"harmonic[{i}].order") for i in range(count)}
     first: dict[Any, int] = {}
     for i, order in orders.items():
-        if order in first and order is not None:
+        if not isinstance(order, int | float):  # which is reported later
+            continue
+        if order in first:
             fail(name, f"[[drive.harmonic]] {first[order]} and {i} both have order {order}; make one of them")
         first[order] = i
     return harmonic_forms(drive)
@@ -87,7 +91,7 @@ def _plain_number(value: Any) -> int | float | None:
         number = to_si("", value)
     except ValueError:
         return None
-    return number if isinstance(number, int | float) and not isinstance(number, bool) else None
+    return number if is_number(number) and ANY.holds(number) else None
 
 
 def _own_engine_order(drive: DriveTable, i: int, where: str) -> int | None:
@@ -97,7 +101,7 @@ def _own_engine_order(drive: DriveTable, i: int, where: str) -> int | None:
         return None
     if f"harmonic[{i}].order" in drive:
         fail(where, f"[[drive.harmonic]] {i} gives both `order` and `engine_order`; keep one of them")
-    if isinstance(order, bool) or not isinstance(order, int | float) or order == 0 or order % 1:
+    if not is_number(order) or not ANY.holds(order) or order == 0 or order % 1:
         fail(where, f"[[drive.harmonic]] {i}: engine_order = {toml_text(order)} must be a whole number but 0, e.g. 8")
     return int(order)
 

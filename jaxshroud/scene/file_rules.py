@@ -19,7 +19,7 @@ from jaxshroud.scene.layout import (
     require_parts,
 )
 from jaxshroud.scene.point_numbers import check_number_of_points, check_points
-from jaxshroud.scene.typed import are_numbers
+from jaxshroud.scene.typed import is_number
 from jaxshroud.scene.units import to_si
 
 NO_STIFFNESS = "no_stiffness"  # the type of pydantic's error for a [contact] without one
@@ -98,15 +98,19 @@ def points_in_file(value: Any) -> Any:
         check_number_of_points(value)
         return value
     places = [to_si("m", one) for one in value] if isinstance(value, list | tuple) else []
-    if not places or not are_numbers(places):
+    if not _is_list_of_numbers(places):
         raise ValueError("must be a number of points, or a list of their places up the face from its middle")
     check_number_of_points(len(places))
     return [float(one) for one in places]
 
 
+def _is_list_of_numbers(value: Any) -> bool:
+    return isinstance(value, list | tuple) and len(value) > 0 and all(map(is_number, value))
+
+
 def shares_in_file(value: Any) -> Any:
     """The shares of the stiffnesses of points, from a file."""
-    if not isinstance(value, list | tuple) or not value or not are_numbers(list(value)):
+    if not _is_list_of_numbers(value):
         raise ValueError("must be a list with a number for each point")
     return [float(one) for one in value]
 
@@ -120,8 +124,8 @@ def coordinates_in_file(value: Any) -> Any:
 
 def accuracy_in_file(value: Any) -> Any:
     """An accuracy, by its name or as a number, from a file."""
-    named = isinstance(value, str) and value in ACCURACIES
-    if not named and (isinstance(value, bool | str) or not 0.999e-10 <= value <= 1.001e-2):
+    known = value in ACCURACIES if isinstance(value, str) else is_number(value) and 0.999e-10 <= value <= 1.001e-2
+    if not known:
         cure = did_you_mean(value, ACCURACIES) if isinstance(value, str) else ""
         raise ValueError(f"must be {', '.join(ACCURACIES)} or a number from 1e-10 to 1e-2{cure}")
     return value

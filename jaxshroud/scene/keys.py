@@ -4,7 +4,7 @@ import re
 from collections import ChainMap
 from typing import Any, NamedTuple
 
-from jaxshroud.scene.checks import KeyNameError, hint
+from jaxshroud.scene.checks import KeyNameError, did_you_mean, hint
 from jaxshroud.scene.key import (
     ANY,
     ANY_WHOLE,
@@ -323,9 +323,18 @@ def find_key(key: str, where: str = "", layout: Layout = PAIR) -> tuple[Key, int
 def _unknown_key(key: str, where: str, layout: Layout) -> KeyNameError:
     """The error for a key that names no number."""
     key, known = " ".join(key.split()), key_names(layout)
-    meant = next((one for one in known if one.endswith(f".{key}")), None)
-    cure = f"; did you mean `{meant}`?" if meant else hint(key, known)
-    return KeyNameError(f"{_place(where)}the scene has no number `{key}`{cure}")
+    fault = f"{_place(where)}the scene has no number `{key}`"
+    if key_stem(without_row(key)) in ROW_KEYS:
+        return KeyNameError(f"{fault}, which is one of rows of blades; give it a [row]")
+    if meant := next((one for one in known if one.endswith(f".{key}")), None):
+        return KeyNameError(f"{fault}; did you mean `{meant}`?")
+    table, _, entry = key.partition(".")
+    entries = [name.removeprefix(f"{table}.") for name in known if name.startswith(f"{table}.")]
+    if entries:
+        return KeyNameError(f"{fault}{hint(entry, entries, f'{table}.')}")
+    tables = dict.fromkeys(f"[{name.partition('.')[0]}]" for name in known)
+    others = f"; known are those of {', '.join(tables)}, such as shroud.gap"
+    return KeyNameError(f"{fault}{did_you_mean(key, known) or others}")
 
 
 def _place(where: str) -> str:

@@ -4,15 +4,16 @@
 angle and one load are needed, and `harmonics = 3` says how many are fitted. Its mean is the mean load.
 """
 
-import csv
 import re
 from collections.abc import Collection
+from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxshroud.scene.checks import fail, toml_text
+from jaxshroud.scene.checks import InputError, SceneError, fail, toml_text
+from jaxshroud.scene.csv_text import csv_rows, read_csv_text
 from jaxshroud.scene.keys import MAX_ORDER
 from jaxshroud.scene.typed import FloatArray
 from jaxshroud.scene.units import to_si
@@ -36,7 +37,7 @@ class FittedTable(NamedTuple):
         """What the harmonics leave out, in words."""
         count = sum(entry.endswith(".order") for entry in self.entries)
         rests = ", ".join(f"{100 * rest:.3g} % of {load}" for load, rest in self.residuals.items())
-        return f"{count} harmonic{'s' * (count > 1)} leave {rests} (RMS, about the mean)"
+        return f"{'1 harmonic leaves' if count == 1 else f'{count} harmonics leave'} {rests} (RMS, about the mean)"
 
 
 def resolve_table(document: dict[str, Any], folder: Path, name: str, overridden: Collection[tuple[str, str]]) -> str:
@@ -76,7 +77,7 @@ def fitted_table(path: Path, count: int) -> FittedTable:
     Raises:
         SceneError: The table cannot be read, or its angles do not determine so many harmonics.
     """
-    columns = _columns_of_loads(path)
+    columns = _one_period(_columns_of_loads(path))
     angle = columns.pop("angle")
     _check_angles(angle, count, path)
     waves = [np.ones_like(angle), *(f(n * angle) for n in range(1, count + 1) for f in (np.sin, np.cos))]
@@ -97,6 +98,15 @@ def fitted_table(path: Path, count: int) -> FittedTable:
     return FittedTable(entries, residuals)
 
 
+def _one_period(columns: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """The columns without a last row that closes the period: that tells the loads of the first one again."""
+    first, last = ({name: values[i] for name, values in columns.items() if len(values)} for i in (0, -1))
+    turn = last.pop("angle", 0.0) - first.pop("angle", 0.0)
+    if abs(abs(turn) - 2 * np.pi) < SAME_ANGLE and last == first:
+        return {name: values[:-1] for name, values in columns.items()}
+    return columns
+
+
 def _check_angles(angle: FloatArray, count: int, path: Path) -> None:
     """Raise a SceneError unless all angles differ within a period, and are enough for so many harmonics."""
     if len(angle) < 2 * count + 1:
@@ -111,10 +121,11 @@ def _check_angles(angle: FloatArray, count: int, path: Path) -> None:
 def _columns_of_loads(path: Path) -> dict[str, FloatArray]:
     """The columns of a table in SI units."""
     try:
-        text = path.read_text("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        fail(str(path), f"cannot be read as a CSV file: {getattr(error, 'strerror', None) or error}")
-    rows = [row for row in csv.reader(text.splitlines()) if any(cell.strip() for cell in row)]
+        text = read_csv_text(path, f"a CSV file with a head such as {EXAMPLE_OF_HEAD}")
+        lines = csv_rows(path, enumerate(StringIO(text, newline=""), 1), ",")
+    except InputError as error:
+        raise SceneError(str(error)) from None
+    rows = [row for _, row in lines if any(cell.strip() for cell in row)]
     heads = [_load_and_unit(cell, path) for cell in rows[0]] if rows else []
     names = [name for name, _ in heads]
     if "angle" not in names or len(names) < 2 or len(set(names)) < len(names):

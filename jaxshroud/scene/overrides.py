@@ -92,6 +92,11 @@ def override(document: dict[str, Any], text: str, file: str) -> tuple[str, str]:
     rows = document.setdefault(table, {})
     if not isinstance(rows, dict):
         return "", ""  # an error of the file, which is reported later
+    if (table, name) == ("drive", "harmonic"):
+        fail(
+            "--set",
+            "drive.harmonic is a list of tables of a file; set one of its numbers, e.g. drive.harmonic[0].F=20",
+        )
     if HARMONIC_ENTRY.fullmatch(name):
         require_number(f"{table}.{name}", [f"{table}.{other}" for other in rows], "--set")
     if match[3] is not None:

@@ -76,7 +76,7 @@ def sweep(
         scene: The scene that all lanes share, or many with leading axes, which then come first in all results; or a
             scene file, whose [run] and [sweep] count where an argument is not given.
         along: One or two keys as for `vary`, each with its values (n,) in SI units; two make a grid. None: those of the
-            file, or the scenes as they are.
+            file, or the scenes as they are (one scene is a lane of its own).
         direction: "independent" (the default): every lane starts from `scene.initial`. "forward" or "backward": along
             the first key each value starts from the final state of its neighbour, including slider and mode. "both":
             these two and "independent", in a leading dimension `direction`; over one key the result shows where the
@@ -262,8 +262,11 @@ def _grid_of(
         along, direction = {a.key: a.values for a in file.axes}, direction or file.direction
     refuse_traced(along)
     axes = {key: np.atleast_1d(np.asarray(values, dtype=float)) for key, values in (along or {}).items()}
-    if not (axes or resolved.shape) or len(axes) > 2 or any(v.ndim != 1 or v.size == 0 for v in axes.values()):
+    is_empty = along is not None and file is None and not axes
+    if is_empty or len(axes) > 2 or any(v.ndim != 1 or v.size == 0 for v in axes.values()):
         raise InputError("Argument `along` must name one or two keys, each with at least one value.")
+    if not axes and not resolved.shape:
+        resolved = resolved._replace(scene=resolved.lanes, shape=(1,), dims=("lane",))
     if direction not in (None, "independent") and not axes:
         raise InputError(f"Argument `direction` = {direction!r} needs `along`: it follows the values of its first key.")
     scenes = grid_of_scenes(resolved.scene, axes) if axes else resolved.scene

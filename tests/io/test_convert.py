@@ -14,9 +14,9 @@ from scipy.io import loadmat
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
 from jaxshroud.io.convert import convert
-from jaxshroud.io.csv_text import read_csv
 from jaxshroud.io.measurements import read_measurements
 from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.csv_text import read_csv
 from jaxshroud.scene.designs import read_designs
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.io.csv_text import read_csv
 from jaxshroud.io.measurements import measurements_from, read_measurements
+from jaxshroud.scene.csv_text import read_csv
 
 HISTORY = "t [ms],x_left [mm],theta_right [deg]\n0,1,90\n# a comment\n\n2,-3,45\n"
 

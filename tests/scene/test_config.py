@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import tomli_w
 
 from jaxshroud.cli.terminal import MAX_MESSAGE_LENGTH
 from jaxshroud.scene import schema, units
@@ -17,6 +18,7 @@ from jaxshroud.scene.checks import SceneError
 from jaxshroud.scene.config import load, parse
 from jaxshroud.scene.layout import MISPRINTS
 from jaxshroud.scene.overrides import axis
+from jaxshroud.scene.schema import TABLE_MODELS
 from jaxshroud.scene.shipped import aliases, shipped
 from jaxshroud.scene.units import COMMON_FACTORS, _registry, to_si
 from jaxshroud.scene.vary import NUMERIC_KEYS
@@ -504,3 +506,39 @@ def test_a_scene_is_built_once_in_the_precision_of_its_first_use():
     assert file.scene.blades.m.dtype == np.float32
     assert again.scene.blades.m.dtype == np.float64
     assert again.text() == file.text()
+
+
+ODD = ([[0.01], [0.02]], [], {"a": 1}, [{"a": 1}], [True, 1.0], ["x", 1], "a\0b", 10**400, -(10**400), 1e300, math.nan)
+
+
+def refusal(text):
+    """The message with which a file is refused; empty where it is read."""
+    try:
+        parse(text, "odd.toml")
+    except SceneError as error:
+        return str(error)
+    return ""
+
+
+@pytest.mark.parametrize("order", ["order", "engine_order"])
+def test_values_of_any_kind_are_read_or_refused_in_one_line(order):
+    """Each key of each table, and of a harmonic, with values that are hardly meant for it."""
+    document = tomllib.loads(load("engine_order", ["contact.points=[-0.01, 0.01]", "contact.shares=[0.5, 0.5]"]).text())
+    document["drive"] = {"speed": 100.0, "engine_order": 4, "phase": [0.0, 3.0]}
+    document["drive"]["harmonic"] = [{order: 4, "F": 5.0, "beta": 0.1}]
+    harmonic = document["drive"]["harmonic"][0]
+    parse(tomli_w.dumps(document), "good.toml")
+    for table, model in TABLE_MODELS.items():
+        rows = document.setdefault(table, {})
+        for keys in (rows, harmonic) if table == "drive" else (rows,):
+            for key in {*keys, *(model.model_fields if keys is rows else ("M", "phase")), "table"}:
+                for odd in ODD:
+                    given = keys.pop(key, None)
+                    keys[key] = odd
+                    text = tomli_w.dumps(document)
+                    del keys[key]
+                    keys |= {} if given is None else {key: given}
+                    message = refusal(text)
+                    assert len(message.splitlines()) < 2
+                    assert len(message) < 600
+        document = {name: rows for name, rows in document.items() if rows}

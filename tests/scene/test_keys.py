@@ -135,7 +135,10 @@ def test_ranges_are_those_told(row):
     for bad in (np.nan, np.inf, -np.inf):
         assert not allowed.holds(bad)
         assert allowed.fault(bad) == "must be a finite number"
+    for bad in (1.001e30, -1.001e30):
+        assert not allowed.holds(bad)
     assert allowed.holds(1.0)
+    assert allowed.holds(0.999e-30) is not allowed.open
     assert allowed.holds(0.0) is not allowed.open
     assert allowed.holds(-1.0) == (allowed.words == "any")
     np.testing.assert_array_equal(allowed.holds(np.array([1.0, np.nan, 0.0])), [True, False, not allowed.open])
@@ -147,7 +150,9 @@ def test_what_a_key_may_have_meant():
     for key, told in {
         "contact.gama": "^the scene has no number `contact.gama`; did you mean `contact.gamma`?$",
         "gap": "^the scene has no number `gap`; did you mean `shroud.gap`?$",
-        "zzz": "^the scene has no number `zzz`; known are blades.m, ",
+        "zzz": r"^the scene has no number `zzz`; known are those of \[blades\], .*\[initial\], such as shroud.gap$",
+        "drive.zzzz": "^the scene has no number `drive.zzzz`; known are drive.omega, [^[]*, drive.speed$",
+        "row.mistuning": r"^the scene has no number `row.mistuning`, which is one of rows of blades; give it a",
         "shroud.gap[1]": r"^shroud\.gap is one number, not one per blade; drop the \[1\]$",
         "a\nb": "^the scene has no number `a b`; known are ",
     }.items():

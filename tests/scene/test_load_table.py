@@ -83,6 +83,7 @@ def test_a_scene_with_a_table_is_driven_by_it(tmp_path):
     [
         (lambda text: text.replace("15.0,", "nan,", 1), r"row 3: angle = nan must be a finite number"),
         (lambda text: text.replace("15.0,", "360.0,", 1), r"two angles are alike, at 0 deg"),
+        (lambda text: text + "360,999,999\n", r"two angles are alike, at 0 deg"),
         (lambda text: text.replace("[N]", "[mm]"), r"column F_x \[mm\]: its unit"),
         (lambda text: text.replace("F_x [N]", "F_x"), r"column F_x has no unit"),
         (lambda text: text.replace("F_x", "F_z"), r"column 'F_z \[N\]' is unknown"),
@@ -101,9 +102,24 @@ def test_a_table_that_cannot_be_is_refused_in_one_line(tmp_path, change, told):
     assert "\n" not in str(error.value)
 
 
+def test_a_last_row_may_close_the_period(tmp_path):
+    path = written(tmp_path)
+    (tmp_path / "own.toml").write_text(scene_text(), encoding="utf-8")
+    wanted = load(str(tmp_path / "own.toml"))
+    first = path.read_text(encoding="utf-8").splitlines()[1]
+    path.write_text(path.read_text(encoding="utf-8") + first.replace("0.0,", "360.0,", 1) + "\n", encoding="utf-8")
+    assert load(str(tmp_path / "own.toml")).text() == wanted.text()
+
+
+def test_a_path_with_a_nul_byte_is_refused(tmp_path):
+    (tmp_path / "own.toml").write_text(scene_text().replace("pressure", r"pres\u0000sure"), encoding="utf-8")
+    with pytest.raises(js.SceneError, match=r"pres\\0sure.csv: cannot be read \(embedded null byte\); give a CSV file"):
+        load(str(tmp_path / "own.toml"))
+
+
 def test_a_table_stands_alone(tmp_path):
     (tmp_path / "own.toml").write_text(scene_text(), encoding="utf-8")
-    with pytest.raises(js.SceneError, match=r"pressure.csv: cannot be read as a CSV file: No such file"):
+    with pytest.raises(js.SceneError, match=r"pressure.csv: no such file; give a CSV file with a head"):
         load(str(tmp_path / "own.toml"))
     written(tmp_path)
     for key, value in (("drive.F_0", "3"), ("drive.F_x_mean", "1")):

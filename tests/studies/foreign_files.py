@@ -34,10 +34,10 @@ import xarray as xr
 from jaxshroud.cli.commands import main as command
 from jaxshroud.cli.terminal import claim_directory
 from jaxshroud.io import files
-from jaxshroud.io.csv_text import read_csv
 from jaxshroud.io.measurements import read_measurements
 from jaxshroud.io.store import write_dataset
 from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.csv_text import read_csv
 
 TARGETS, CSV_FILES, SEED = 60, 100, 1
 PATIENCE = 60  # seconds after which a case counts as one that hangs

@@ -297,6 +297,47 @@ def test_values_that_are_hardly_meant(line, expected, capsys, tmp_path, monkeypa
     assert "has no unit" in refused(capsys, *["tune", "table1", "--over", "shroud.gap=1um:2", "--out", "t"])
 
 
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("check table1_points --set contact.points=[[0.01],[0.02]]", "must be a number of points, or a list"),
+        ("check table1_points --set contact.points=[0.01,[0.02]]", "must be a number of points, or a list"),
+        ("check table1_points --set contact.shares=[[0.5],[0.5]]", "must be a list with a number for each point"),
+        ("check table1 --set drive.F_0=1e300", "F_0 = 1e+300 must be at most 1e+30 in magnitude"),
+        ("check table1 --set blades.m=1e-300", "m = 1e-300 must be at least 1e-30"),
+        (
+            "check table1 --set drive.harmonic=[]",
+            "drive.harmonic is a list of tables of a file; set one of its",
+        ),
+        (
+            "gradient table1_light --wrt nothing.at --out g.json",
+            "the scene has no number `nothing.at`; known are",
+        ),
+        (
+            "tune table1 --over shroud.gap=1um:2um --tolerance row.mistuning= --out t",
+            "is one of rows of blades; give it",
+        ),
+        ("scatter table1 --tolerance row.mistuning=0.02 --out t", "is one of rows of blades; give it a [row]"),
+    ],
+)
+def test_numbers_that_no_scene_has_are_refused_in_one_line(words, told, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    line = refused(capsys, *words.split(" "))
+    assert told in line
+    assert len(line) < 300
+
+
+def test_a_sweep_of_one_scene_is_a_lane():
+    scene = js.load("table1", ['parts.motion=["x"]']).scene
+    short = {"n_periods": 3, "transient": 1, "method": js.RungeKutta(steps=100)}
+    alone = js.sweep(scene, **short)
+    both = js.sweep(js.stack_scenes([scene, scene]), **short)
+    assert alone.P_d.shape == (1,)
+    np.testing.assert_array_equal(alone.P_d, both.P_d[:1])
+    with pytest.raises(js.InputError, match="must name one or two keys"):
+        js.sweep(scene, {}, **short)
+
+
 def test_values_below_zero_are_no_options():
     assert axes("sweep table1 --along shroud.gap --start -2mm --stop -1mm --num 2 --out s") == {
         "shroud.gap": [-2e-3, -1e-3]

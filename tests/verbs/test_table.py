@@ -10,8 +10,8 @@ import xarray as xr
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
 from jaxshroud.cli import design as command
-from jaxshroud.io.csv_text import read_csv
 from jaxshroud.results.table import DesignTable
+from jaxshroud.scene.csv_text import read_csv
 from jaxshroud.scene.designs import read_designs
 from jaxshroud.verbs.table import checked_designs
 

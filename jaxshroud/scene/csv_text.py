@@ -25,8 +25,9 @@ def read_csv_text(path: Path, example: str) -> str:
             content = file.read()
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; give {example}") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error}); give {example}") from None
+    except (OSError, ValueError) as error:  # ValueError: the path holds a NUL byte
+        name, reason = str(path).replace("\0", "\\0"), getattr(error, "strerror", None) or error
+        raise InputError(f"{name}: cannot be read ({reason}); give {example}") from None
     if content.startswith(UTF16_MARKS):
         raise InputError(f"{path}: is text in UTF-16; {AS_UTF8}")
     try:
