@@ -3,7 +3,7 @@
 Each verb's command runs on every scene in a terminal, twice: with an empty cache of programs, where the longest
 compilation counts, and with what the first start has kept, where the longest time without a word counts, and the
 longest in which nothing new is told: a bar that only moves tells nothing. Beside seconds stand the processor seconds of
-the command in that time, which other work on the machine prolongs little. `silences.json` has both for every command.
+the command in that time, which other work on the machine prolongs little.
 
 Scenes are files or names, by default one of each layout. `--only VERB` prints one verb, `--cache FOLDER` keeps
 programs.
@@ -11,6 +11,7 @@ programs.
 
 import argparse
 import json
+import math
 import os
 import pty
 import re
@@ -34,7 +35,6 @@ ALONG = ("--along", "drive.omega", "--start", "500", "--stop", "600")
 OVER = ("--over", "friction.mu=0.1:0.6")
 COMMANDS = {
     "check": (),
-    "check --speeds": (),
     "explain": (),
     "simulate": (*SHORT, "--out", "run.nc"),
     "plot": ("--out", "run.png"),
@@ -59,6 +59,7 @@ COMMANDS = {
     "trade": (*BRIEF, "--out", "trade"),
     "explore": ("--no-browser",),
 }
+MEASURED = [f"{t / 4},{math.sin(t / 7):.4f}" for t in range(90)]  # for `fit`
 READS_RUN = ("plot", "animate", "convert")  # what `simulate` has written
 CHILD = """
 import sys, time
@@ -199,6 +200,7 @@ def study(scene: str, verbs: list[str], cache: Path) -> dict[str, dict[str, Any]
     with TemporaryDirectory() as place:
         folder = Path(place)
         (folder / "designs.csv").write_text("friction.mu []\n0.2\n0.4\n", "utf-8")
+        (folder / "measured.csv").write_text("\n".join(["t [ms],x_left [mm]", *MEASURED]), "utf-8")
         for verb in verbs:
             for start in ("empty cache", "kept programs"):
                 words = [*words_of(verb, scene), *(["--force"] if verb not in ("check", "explain", "explore") else [])]
