@@ -19,6 +19,7 @@ from jaxshroud.scene.designs import Designs, read_designs
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import Layout, require_capability
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.sector import require_sector
 from jaxshroud.scene.typed import typed
 from jaxshroud.signals.amplitudes import check_vibration, counted_reduction
 from jaxshroud.signals.period import NOT_SETTLED, SETTLED
@@ -132,12 +133,15 @@ def checked_designs(
 
     Raises:
         SceneError: See `read_designs`; or no row is right.
+        InputError: The sector of a ring is asked for, and designs have none.
     """
     designs = read_designs(table, base, faults, decimal_comma)
     appended = {name for name, variable in DesignTable.variables.items() if not isinstance(variable, Attribute)}
     for head in designs.heads:
         if head.partition("[")[0].strip() in {ROW, *appended}:
             raise SceneError(f"column `{head}` is one that the table appends; remove it, or rename it")
+    if designs.right.size:
+        require_sector(designs.scenes(base))
     if designs.right.size and base.parts.contact != "none":
         followed = lanes_that_auto_steps_follow(designs.scenes(base))
         designs = designs.marked(designs.right[~followed], "the design is too stiff, or too slow, to be followed")

@@ -290,13 +290,13 @@ def test_rows_are_run_up_and_down_the_speeds_and_searched(marched):
 
 
 def test_a_pattern_with_a_lane_that_stopped_is_left_out(monkeypatch):
-    from jaxshroud.verbs import mistune as verb
+    from jaxshroud.verbs import mistuned_rows as verb
 
     def stopping(*arguments, **named):
-        found, swept = swept_responses(*arguments, **named)
+        found, chatter = swept_responses(*arguments, **named)
         amplitude, status = found.amplitude.copy(), np.array(found.status)
         amplitude[3, 0, 1], status[3, 0, 1] = np.nan, Status.TOO_MANY_EVENTS
-        return found._replace(amplitude=amplitude, status=status), swept
+        return found._replace(amplitude=amplitude, status=status), chatter
 
     swept_responses = verb.swept_responses
     monkeypatch.setattr(verb, "swept_responses", stopping)
