@@ -331,6 +331,7 @@ def _monte_carlo(row: MistunedRow, drawn: _Drawn) -> dict[str, Any]:
         "design_narrow": of_designs(top.coarse),
         "tuned_narrow": int(top.coarse[0]),
         "unsettled": int(np.sum(~responses.settled.astype(bool))),
+        "unjudged": 0 if responses.unjudged is None else int(np.sum(responses.unjudged)),
     }
 
 

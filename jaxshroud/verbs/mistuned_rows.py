@@ -212,7 +212,8 @@ def swept_responses(
     )
     directed = (lambda a: np.moveaxis(a, 0, 1)) if direction == "both" else (lambda a: a[:, None])
     amplitude = np.asarray(getattr(swept, row.of), float)
-    responses = RowResponses(*(directed(np.asarray(a)) for a in (amplitude, swept.status, swept.settled)))
+    numbers = amplitude, swept.status, swept.settled, swept.unjudged
+    responses = RowResponses(*(directed(np.asarray(a)) for a in numbers))
     return responses, swept.chatter
 
 

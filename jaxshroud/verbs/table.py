@@ -13,7 +13,7 @@ from jaxshroud.march.method_names import LARGEST_FIRST, RANKED_BY
 from jaxshroud.march.stability import lanes_that_auto_steps_follow
 from jaxshroud.model.modes import Status
 from jaxshroud.results.sweep import SweepResult
-from jaxshroud.results.table import ROW, DesignTable
+from jaxshroud.results.table import ROW, UNDECIDED_MOTION, DesignTable
 from jaxshroud.scene.checks import InputError, SceneError, did_you_mean
 from jaxshroud.scene.designs import Designs, read_designs
 from jaxshroud.scene.file import SceneFile
@@ -189,7 +189,7 @@ def _verdict_words(swept: SweepResult) -> list[str]:
         if status != Status.OK:
             return "stopped"
         if settling != SETTLED:
-            return "transient not over" if settling == NOT_SETTLED else "undecided"
+            return "transient not over" if settling == NOT_SETTLED else UNDECIDED_MOTION
         return f"period {number}" if number else "aperiodic"
 
     return [*map(words, swept.status.tolist(), swept.settling.tolist(), swept.period_number.tolist())]
