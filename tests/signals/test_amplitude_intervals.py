@@ -13,7 +13,7 @@ LANES, RHO, MEAN, VARIANCE = 600, 0.5, 3.0, 2.0
 
 
 def intervals(mean, square, q=0):
-    """The half widths (lanes, blades) of one displacement with means (lanes, periods, blades), by the function's way."""
+    """The half widths (lanes, blades) of one displacement with means (lanes, periods, blades)."""
     lanes, period = len(mean), 2 * np.pi / OMEGA
     scenes = SimpleNamespace(drive=SimpleNamespace(omega=np.full(lanes, OMEGA)))
     still = np.zeros_like(mean)
