@@ -2,7 +2,7 @@
 
 Where scenes ask for it, rings are marched by their sector: a smaller ring in their place, whose results are told as
 those of the whole one. It stays in motions that repeat from sector to sector. Whatever does not start so is marched
-whole, and so are tangents, by which stability is told.
+whole, and so are tangents along directions that do not repeat, by which stability is told.
 """
 
 from dataclasses import dataclass, replace
@@ -13,6 +13,7 @@ import jax
 import numpy as np
 
 from jaxshroud.activity import counted
+from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.batch.marches import march_of, require_march
 from jaxshroud.batch.periods import lanes_per_call
@@ -29,7 +30,13 @@ from jaxshroud.model.prepared import State
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import Direction
 from jaxshroud.scene.scene import Scene, without_given
-from jaxshroud.scene.sector import asks_for_sector, sector_blades, smaller_ring, whole_ring
+from jaxshroud.scene.sector import (
+    asks_for_sector,
+    has_period_of_blades,
+    sector_blades,
+    smaller_ring,
+    whole_ring,
+)
 from jaxshroud.scene.typed import Tree
 
 SAME_STATE = 1e-12  # of the largest number of its kind: by which states of equal blades may differ
@@ -207,6 +214,35 @@ def _repeat_after(blades: int, states: State) -> bool:
         return np.all(np.abs(np.roll(real, -blades, axis=1) - real) <= SAME_STATE * np.max(np.abs(real), initial=0.0))
 
     return all(map(repeats, jax.tree.leaves(states)))
+
+
+class FoldedTangents(NamedTuple):
+    """Lanes (leading axis) with derivatives along directions, as they are marched."""
+
+    scenes: Dual
+    states: State  # which do not depend on the directions
+    copies: int  # as of `Folded`
+
+
+def folded_tangents(scenes: Dual, states: State) -> FoldedTangents:
+    """Lanes with derivatives as they are marched: as `folded`, where the directions of all repeat as well."""
+    small = folded(scenes.value, states)
+    blades = small.scenes.layout.blades
+    if small.copies == 1 or not has_period_of_blades(scenes.tangent, blades):
+        return FoldedTangents(scenes, states, 1)
+    return FoldedTangents(Dual(small.scenes, smaller_ring(scenes.tangent, blades)), small.states, small.copies)
+
+
+def unfolded_flow(flow: Dual, copies: int) -> Dual:
+    """What flows with tangents of so many copies of a ring integrate, told of all blades."""
+    if copies == 1:
+        return flow
+
+    def told(part: Any) -> Any:
+        numbers = {name: _tiled(getattr(part, name), copies, -1) for name in ("power", "moments", "means")}
+        return part._replace(**numbers)
+
+    return Dual(*map(told, flow))
 
 
 def unfolded_runs(runs: Runs, copies: int) -> Runs:

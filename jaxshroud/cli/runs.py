@@ -104,6 +104,7 @@ def _output_power(completed: CompletedCall) -> None:
     write_files(completed)
     final = completed.result.final
     of_vibration = {"P_d of the vibration": with_interval(final["P_d_vibration"], final["P_d_vibration_ci"], "%")}
+    ok = final["status"] == Status.OK
     rows = {
         **(of_vibration if is_preloaded(completed.file.scene) else {}),
         "P_d": with_interval(final["P_d"], final["ci"], "%"),
@@ -113,8 +114,8 @@ def _output_power(completed: CompletedCall) -> None:
         "periods": final["n"],
         "stable": final["stable"],
         "period number": final["period_number"] or "aperiodic",
-        **amplitude_numbers(completed.result, final["status"] == Status.OK),
-        **load_numbers(completed.result, final["status"] == Status.OK),
+        **amplitude_numbers(completed.result, ok, final["period_number"] == 0, final["n"]),
+        **load_numbers(completed.result, ok),
     }
     print_result(completed, rows)
     print(completed.result.mechanism)

@@ -7,12 +7,17 @@ import numpy as np
 
 from jaxshroud.io.variable import Variable
 from jaxshroud.scene.keys import Motion
+from jaxshroud.signals.effects import with_interval
 
 if TYPE_CHECKING:
     from jaxshroud.model.prepared import State
 
 MEAN, RMS = "mean of {}", "root mean square of {} about its mean"
-PEAK = "amplitude of {}: its largest distance from its mean, between steps too"
+RMS_CI = "half width of the 95 % interval of {}, batch means"
+PEAK = (
+    "amplitude of {}: its largest distance from its mean, between steps too; "
+    "of an aperiodic motion the largest of the kept periods"
+)
 FREE = "amplitude of {} without contact, closed form"
 FREE_RMS = "root mean square of {} about its mean without contact, closed form"
 EACH = ("interface",)
@@ -25,16 +30,19 @@ class WithAmplitudes:
 
     x_mean = Variable(MEAN.format("x"), "m", ("blade",))
     x_rms = Variable(RMS.format("x"), "m", ("blade",))
+    x_rms_ci = Variable(RMS_CI.format("x_rms"), "m", ("blade",))
     x_peak = Variable(PEAK.format("x"), "m", ("blade",))
     x_free = Variable(FREE.format("x"), "m", ("blade",))
     x_free_rms = Variable(FREE_RMS.format("x"), "m", ("blade",))
     y_mean = Variable(MEAN.format("y"), "m", ("blade",))
     y_rms = Variable(RMS.format("y"), "m", ("blade",))
+    y_rms_ci = Variable(RMS_CI.format("y_rms"), "m", ("blade",))
     y_peak = Variable(PEAK.format("y"), "m", ("blade",))
     y_free = Variable(FREE.format("y"), "m", ("blade",))
     y_free_rms = Variable(FREE_RMS.format("y"), "m", ("blade",))
     theta_mean = Variable(MEAN.format("theta"), "rad", ("blade",))
     theta_rms = Variable(RMS.format("theta"), "rad", ("blade",))
+    theta_rms_ci = Variable(RMS_CI.format("theta_rms"), "rad", ("blade",))
     theta_peak = Variable(PEAK.format("theta"), "rad", ("blade",))
     theta_free = Variable(FREE.format("theta"), "rad", ("blade",))
     theta_free_rms = Variable(FREE_RMS.format("theta"), "rad", ("blade",))
@@ -73,10 +81,34 @@ def load_numbers(result: Any, ok: np.ndarray) -> dict[str, float]:
     return largest_of_lanes(ok, forces)
 
 
-def amplitude_numbers(result: Any, ok: np.ndarray) -> dict[str, float]:
-    """The largest amplitudes of all lanes, if they were kept."""
+def amplitude_numbers(result: Any, ok: np.ndarray, aperiodic: np.ndarray, periods: int) -> dict[str, Any]:
+    """The largest amplitudes of all lanes, and the largest root mean squares with intervals, if they were kept.
+
+    Args:
+        result: The result.
+        ok: Which lanes came to their end.
+        aperiodic: Which lanes have no period.
+        periods: Over how many periods amplitudes are taken.
+    """
     peaks = {"x [m]": result.x_peak, "y [m]": result.y_peak, "theta [rad]": result.theta_peak}
-    return largest_of_lanes(ok, {f"largest amplitude of {name}": a for name, a in peaks.items()})
+    told = largest_of_lanes(ok, {f"largest amplitude of {name}": a for name, a in peaks.items()})
+    if told and np.any(ok & aperiodic):
+        told |= {"amplitudes of aperiodic motions": f"the largest of {periods} periods"}
+    return told | _largest_rms(result, ok)
+
+
+def _largest_rms(result: Any, ok: np.ndarray) -> dict[str, str]:
+    """The largest root mean square of each displacement that moves, with its interval, of any blade in lanes OK."""
+    told = {}
+    for name, unit in (("x", "m"), ("y", "m"), ("theta", "rad")):
+        rms, ci = getattr(result, f"{name}_rms"), getattr(result, f"{name}_rms_ci")
+        if rms is None or ci is None:
+            continue
+        counted = np.where(np.reshape(ok, (*np.shape(ok), 1)) & np.isfinite(rms), rms, 0.0)
+        if counted.any():
+            at = np.unravel_index(np.argmax(counted), counted.shape)
+            told[f"largest RMS of {name}"] = with_interval(float(rms[at]), float(ci[at]), unit)
+    return told
 
 
 def largest_of_lanes(ok: np.ndarray, quantities: Mapping[str, np.ndarray | None]) -> dict[str, float]:

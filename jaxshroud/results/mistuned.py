@@ -12,6 +12,7 @@ from jaxshroud.model.modes import Status
 from jaxshroud.results.base import Result
 from jaxshroud.results.sweep import DIRECTION
 from jaxshroud.scene.layout import row_layout
+from jaxshroud.signals.effects import too_few_periods_text
 from jaxshroud.signals.waves import whitehead_factor
 
 QUANTILE_SHARES = (0.05, 0.5, 0.95)
@@ -67,6 +68,7 @@ class Mistuned(Result):
     coarse = Attribute(int)  # patterns whose peak is narrower than the distance of values, the tuned row included
     tuned_narrow = Attribute(int)  # whether that of the tuned row is
     unsettled = Attribute(int)  # lanes that are not known to be settled, those of the tuned row included
+    unjudged = Attribute(int)  # of these, those that keep too few periods to judge an aperiodic motion
 
     @property
     def designs(self) -> tuple[str, ...]:
@@ -121,13 +123,15 @@ class Mistuned(Result):
     @property
     def messages(self) -> list[str]:
         """What to know before these numbers are used."""
-        n = self.amplification.size
+        n, unjudged = self.amplification.size, self.unjudged or 0  # an earlier version has not stored it
+        drifting = self.unsettled - unjudged
         said = {
             f"{self.left_out} of {n} patterns are left out: a lane of theirs stopped": self.left_out,
             "a lane of the tuned row stopped: amplifications are over what is left of it": np.any(self.tuned_status),
             f"of {self.at_end} patterns the largest amplitude is at an end of the range: widen it": self.at_end,
             self._coarse_text(): self.coarse,
-            f"{self.unsettled} lanes are not known to be settled: take a longer transient": self.unsettled,
+            f"{drifting} lanes are not known to be settled: take a longer transient": drifting,
+            too_few_periods_text(unjudged, "lanes"): unjudged,
         }
         return [*super().messages, *(text for text, applies in said.items() if applies)]
 

@@ -169,9 +169,11 @@ class Response(Result):
     def messages(self) -> list[str]:
         """What is missing, and why."""
         reasons = str(self.data.attrs["branch_reasons"]).split("; ")
-        branches = [branch for i in range(self.data.sizes[MEMBER]) if (branch := self.branch(i)) is not None]
+        members = range(self.data.sizes[MEMBER])
+        branches = [branch for i in members if (branch := self.branch(i)) is not None]
         return [
             *super().messages,
+            *(told for i in members if (told := self.sweep(i).too_few_periods)),
             *(f"no branch: {reason}" for reason in reasons if reason),
             *(line for branch in branches for line in branch.unfinished),
         ]

@@ -23,9 +23,9 @@ from jaxshroud.results.base import Result
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import SINGLE_DIRECTIONS, Direction, Layout
 from jaxshroud.scene.units import in_rpm
-from jaxshroud.signals.effects import flat_text, told_difference
+from jaxshroud.signals.effects import flat_text, told_difference, too_few_periods_text
 from jaxshroud.signals.orbit_distance import NEIGHBOURING_STEPS, SweptMotion, motions_differ, steep_steps
-from jaxshroud.signals.period import UNKNOWN_IF_SETTLED
+from jaxshroud.signals.period import MIN_APERIODIC_PERIODS, UNKNOWN_IF_SETTLED
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -147,6 +147,17 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
         return flat_text(np.where(self.status == Status.OK, self.P_d, np.nan), self.P_d_ci)
 
     @property
+    def unjudged(self) -> np.ndarray:
+        """Which lanes keep too few periods to judge whether their motion, which is aperiodic, has settled."""
+        aperiodic = (self.status == Status.OK) & (self.period_number == 0)
+        return aperiodic & (self.settling == UNKNOWN_IF_SETTLED) & (len(self.period) < MIN_APERIODIC_PERIODS)
+
+    @property
+    def too_few_periods(self) -> str:
+        """What to say where too few periods are kept to judge whether aperiodic motions have settled; else empty."""
+        return too_few_periods_text(int(self.unjudged.sum()), f"of {np.sum(self.status == Status.OK)} runs")
+
+    @property
     def static_deflection(self) -> str:
         """One sentence where a static deflection makes P_d of a lane differ from that of the vibration; else empty."""
         ok = self.status == Status.OK
@@ -175,12 +186,13 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
                 "period numbers": {str(n) if n else "aperiodic": int(c) for n, c in zip(numbers, counts, strict=True)},
                 "unsettled": int((~self.settled & ok).sum()),
                 **_settling_numbers(self, ok),
+                **({"too few periods": self.too_few_periods} if self.too_few_periods else {}),
                 "largest P_d": best,
                 **{name: getattr(self, name) for name in ("flat", "static_deflection") if getattr(self, name)},
                 **({} if positive is None else {"positive exponents": positive}),
                 **largest_of_lanes(ok, {"largest energy residual": residual, "largest energy dropped": dropped}),
                 **load_numbers(self, ok),
-                **amplitude_numbers(self, ok),
+                **amplitude_numbers(self, ok, self.period_number == 0, len(self.period)),
                 "method": f"{self.method}, {self.steps_per_period} steps a period",
                 **self.source,
             }

@@ -18,12 +18,14 @@ from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.quantities import is_reduction
 from jaxshroud.scene.typed import typed
-from jaxshroud.signals.effects import told_difference
+from jaxshroud.signals.effects import told_difference, too_few_periods_text
+from jaxshroud.signals.period import MIN_APERIODIC_PERIODS
 
 if TYPE_CHECKING:
     import pandas as pd
 
 RANK, ROW = "rank", "row"
+UNDECIDED_MOTION = "undecided"  # a verdict
 
 
 class DesignTable(WithAmplitudes, WithLoads, Result):
@@ -141,6 +143,7 @@ class DesignTable(WithAmplitudes, WithLoads, Result):
                 "rows": len(self.rank),
                 "status": count_by_status(self.status),
                 "verdicts": dict(zip(words.tolist(), counts.tolist(), strict=True)),
+                **({"too few periods": self.too_few_periods} if self.too_few_periods else {}),
                 "ranked by": str(self.by),
                 "best": self._best_row(),
                 **({"static deflection": self.static_deflection} if self.static_deflection else {}),
@@ -148,6 +151,13 @@ class DesignTable(WithAmplitudes, WithLoads, Result):
                 **self.origin,
             }
         )
+
+    @property
+    def too_few_periods(self) -> str:
+        """What to say where too few periods are kept to judge whether aperiodic motions have settled; else empty."""
+        ok = self.status == Status.OK
+        undecided = ok & (self.period_number == 0) & (self.verdict == UNDECIDED_MOTION)
+        return too_few_periods_text(int(np.sum(undecided & (self.n < MIN_APERIODIC_PERIODS))), f"of {ok.sum()} runs")
 
     @property
     def static_deflection(self) -> str:

@@ -32,7 +32,8 @@ from jaxshroud.scene.quantities import (
 )
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.vary import fields_of
-from jaxshroud.signals.averages import averages, closed_forms, half_diagonal
+from jaxshroud.signals.averages import POWER_ROUNDINGS, averages, closed_forms, half_diagonal
+from jaxshroud.signals.statistics import confidence_interval
 
 UNDRIVEN = 1e-9  # of the displacement of a block: an amplitude below it is the rounding of a load that is 0
 
@@ -50,10 +51,7 @@ def amplitude_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict
     counted, time = counted_periods(samples, number), math.tau / np.asarray(scenes.drive.omega, float)
     shares = (counted / counted.sum(axis=-1, keepdims=True) / time[:, None])[:, None]
 
-    def by_period(a):
-        return np.stack(np.moveaxis(a, -1, 0), axis=1)  # periods side by side: sums are pairwise
-
-    mean, square = ([np.sum(shares * by_period(a), axis=-1) for a in moment] for moment in samples.moments)
+    mean, square = ([np.sum(shares * _by_period(a), axis=-1) for a in moment] for moment in samples.moments)
     highest = [_largest_of(a, counted) for a in samples.extent.highest]
     lowest = [-_largest_of(-a, counted) for a in samples.extent.lowest]
     values = {}
@@ -62,6 +60,48 @@ def amplitude_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict
         values[f"{name}_rms"] = np.sqrt(np.maximum(square[i] - mean[i] ** 2, 0.0))
         values[f"{name}_peak"] = np.maximum(highest[i] - mean[i], mean[i] - lowest[i])
     return values | free_amplitudes(scenes)
+
+
+def amplitude_intervals(scenes: Scene, samples: Sample, number: np.ndarray) -> dict[str, np.ndarray]:
+    """Half widths of the 95 % intervals of the root mean squares of `amplitude_values`, by the batches of P_d.
+
+    They are NaN below two orbits. The arguments are those of `amplitude_values`.
+    """
+    if samples.moments is None:
+        return {}
+    period, unit = math.tau / np.asarray(scenes.drive.omega, float), float(np.finfo(scenes.drive.omega.dtype).eps)
+    values = {}
+    for name, mean, square in zip(DISPLACEMENTS, *samples.moments, strict=True):
+        first, second = (_by_period(a) / period[:, None, None] for a in (mean, square))
+        half = np.empty(first.shape[:2])
+        for q in np.unique(number):
+            lanes = np.flatnonzero(number == q)
+            half[lanes] = _rms_half_width(first[lanes], second[lanes], max(int(q), 1), unit)
+        values[f"{name}_rms_ci"] = half
+    return values
+
+
+def _rms_half_width(mean: np.ndarray, square: np.ndarray, q: int, unit: float) -> np.ndarray:
+    """The half width of the interval of a root mean square about the mean, (lanes, blades).
+
+    Args:
+        mean: The mean of the number in each period, (lanes, blades, periods).
+        square: That of its square.
+        q: The periods of an orbit.
+        unit: The rounding unit of the march, of which intervals are no narrower than that of the power is.
+    """
+    used = mean.shape[-1] // q * q
+    mean, square = (a[..., a.shape[-1] - used :] for a in (mean, square))
+    middle = mean.mean(axis=-1, keepdims=True)
+    variance = square - middle * (2 * mean - middle)
+    width = np.maximum(confidence_interval(variance, q), POWER_ROUNDINGS * unit * square.mean(axis=-1))
+    rms = np.sqrt(np.maximum(variance.mean(axis=-1), 0.0))
+    return np.where(rms > 0, width / (2 * np.where(rms > 0, rms, 1.0)), 0.0 * width)
+
+
+def _by_period(values: np.ndarray) -> np.ndarray:
+    """Values (lanes, periods, blades) with periods side by side, (lanes, blades, periods): sums are pairwise."""
+    return np.stack(np.moveaxis(values, -1, 0), axis=1)
 
 
 def counted_periods(samples: Sample, number: np.ndarray) -> np.ndarray:

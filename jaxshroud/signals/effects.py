@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxshroud.scene.keys import parse_key
+from jaxshroud.signals.period import MIN_APERIODIC_PERIODS
 
 TOLD_DIFFERENCE = 1.0  # percentage points: where P_d and P_d_vibration differ by more, both are told
 NEGLIGIBLE_WIDTH = 1e-6  # over the number: a smaller half width is rounding
@@ -96,6 +97,14 @@ def flat_text(values: np.ndarray, half_widths: np.ndarray) -> str:
         return ""
     moves = f"nine values of P_d in ten are within {high - low:.2g} percentage points"
     return f"{moves}, less than the intervals of +- {width:.2g}: over this range it cannot be told from a constant"
+
+
+def too_few_periods_text(unjudged: int, lanes: str) -> str:
+    """What to say where so many `lanes` keep too few periods to judge an aperiodic motion; empty where none do."""
+    if not unjudged:
+        return ""
+    advice = f"keep at least {MIN_APERIODIC_PERIODS} (--periods {MIN_APERIODIC_PERIODS})"
+    return f"{unjudged} {lanes}: too few periods to judge an aperiodic motion; {advice}"
 
 
 class Effect(NamedTuple):

@@ -24,6 +24,7 @@ from jaxshroud.scene.keys import find_key
 from jaxshroud.scene.layout import Layout, require_capability
 from jaxshroud.scene.quantities import Quantity, amplitude_of, check_quantity, is_reduction
 from jaxshroud.scene.scene import Scene, without_given
+from jaxshroud.scene.sector import asks_for_sector, require_sector
 from jaxshroud.scene.valid import check_values, in_precision
 from jaxshroud.scene.vary import value_of, with_numbers
 from jaxshroud.signals.amplitudes import block_level, check_resonance, check_vibration, free_level, levels_of
@@ -108,7 +109,8 @@ def problem_of(
 
     Raises:
         KeyError: The scene has no such number.
-        ValueError: Bounds are not in order, a key is both tuned and a condition, or a number scatters out of its range.
+        ValueError: Bounds are not in order, a key is both tuned and a condition, a number scatters out of its range, or
+            the sector of a ring is asked for and some designs have none.
     """
     check_bounds(over, scene)
     check_objective(of, scene)
@@ -126,13 +128,21 @@ def problem_of(
     n_corners = math.prod(map(len, condition_values.values())) << (min(len(over), 8) + n_scattering)
     check_size(n_corners, 0, 1)  # the corners are simulated first
     if scattering is None:
-        return Problem(with_numbers(scene, [*over, *condition_values]), dict(over), condition_values, **compared)
+        numbered = with_numbers(scene, [*over, *condition_values])
+        return _of_sector(Problem(numbered, dict(over), condition_values, **compared))
     check_overlap(scattering, [*over, *condition_values])
     others = [key for key in scattering.keys if key not in over and key not in condition_values]
     numbered = with_numbers(scene, [*over, *condition_values, *others])
     scattering = scattering._replace(others={key: value_of(numbered, key) for key in others})
     problem = Problem(numbered, dict(over), condition_values, scattering=scattering, **compared)
     _check_scattering(problem)
+    return _of_sector(problem)
+
+
+def _of_sector(problem: Problem) -> Problem:
+    """The problem; refused where it asks for the sector of a ring and varies what makes blades unlike."""
+    if asks_for_sector(problem.scene):
+        require_sector(design_corners(problem))
     return problem
 
 

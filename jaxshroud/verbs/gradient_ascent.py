@@ -12,6 +12,7 @@ from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.batch.linear_motion import linear_flow
 from jaxshroud.batch.linear_sector import settled_linear_tangents
 from jaxshroud.batch.plan import Plan
+from jaxshroud.batch.runs import folded_tangents, unfolded_flow
 from jaxshroud.batch.states import states_apart, to_vector
 from jaxshroud.batch.tangents import direction, end_as_start, run_flow, without_direction
 from jaxshroud.model.linear import power_reduction
@@ -22,6 +23,7 @@ from jaxshroud.scene.checks import count_argument
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.quantities import Amplitude, Power, amplitude_of, is_reduction
 from jaxshroud.scene.scene import Scene, without_given
+from jaxshroud.scene.sector import asks_for_sector, sector_blades
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.signals.averages import closed_forms
 from jaxshroud.verbs.design_problem import Problem, Tick, judge_designs, scenes_of, start_states
@@ -145,15 +147,17 @@ def exact_slopes(problem: Problem, u: np.ndarray, tick: Tick) -> tuple[np.ndarra
         own = per_key(scenes)
         slope = _reduction_slopes(problem, Dual(own, directions), Dual(*(linear_flow(end, own) for end in ends)))
         return slope.reshape(len(u), rows, len(keys)), np.zeros((len(u), rows, len(keys)))
-    scene, state = Dual(per_key(scenes), directions), without_direction(per_key(start_states(problem, scenes)))
+    scene = Dual(per_key(scenes), directions)
     method = as_differentiable(plan.method)._replace(vibration=problem.of == "P_d_vibration")
     steps = plan.steps_per_period
+    marched, start, copies = folded_tangents(scene, per_key(start_states(problem, scenes)))
+    state = without_direction(start)
     if plan.transient:
-        state = end_as_start(run_flow(scene, state, plan.transient, steps, method))
-    end = run_flow(scene, state, plan.kept, steps, method)
+        state = end_as_start(run_flow(marched, state, plan.transient, steps, method))
+    end = run_flow(marched, state, plan.kept, steps, method)
     tick(n_lanes * (plan.transient + plan.kept))
     value, tangent = end
-    slope = _reduction_slopes(problem, scene, end)
+    slope = _reduction_slopes(problem, scene, unfolded_flow(end, copies))
     growth = np.abs(to_vector(tangent.state)).max(axis=1) / np.abs(to_vector(value.state)).max(axis=1)
     shape = len(u), rows, len(keys)
     return slope.reshape(shape), np.where(np.isfinite(growth), growth, np.inf).reshape(shape)
@@ -243,14 +247,17 @@ def verify_design(problem: Problem, design: np.ndarray, seed: int) -> dict[str, 
 def _perturbed_start(scene: Scene, random: np.random.Generator) -> State:
     """An initial state with displacements up to the gap, or a tenth of a millimetre, away from contact.
 
-    Blades of a row, which in a ring cannot all move apart, have velocities that reach as far in a period.
+    Blades of a row, which in a ring cannot all move apart, have velocities that reach as far in a period; by a sector
+    they repeat after its blades.
     """
     blades, reach, at_rest = len(scene.initial.x), max(float(np.abs(scene.running_shroud.gap).max()), 1e-4), np.zeros(2)
     if scene.row is None:
         x, y = -reach * np.sort(random.random(2))[::-1] * [1, -1], reach * (random.random(2) - 0.5)
         motion = Motion(x, y, at_rest, at_rest, at_rest, at_rest)
     else:
-        v_x, v_y = float(scene.drive.omega) * reach * (2 * random.random((2, blades)) - 1)
+        drawn = sector_blades(scene) if asks_for_sector(scene) else blades
+        rates = 2 * random.random((2, drawn)) - 1
+        v_x, v_y = float(scene.drive.omega) * reach * np.tile(rates, blades // drawn)
         at_rest = np.zeros(blades)
         motion = Motion(at_rest, at_rest, at_rest, v_x, v_y, at_rest)
     return states_apart(scene, motion)

@@ -20,6 +20,7 @@ from jaxshroud.scene.grids import grid_of_scenes, scenes_at
 from jaxshroud.scene.layout import SINGLE_DIRECTIONS, Direction
 from jaxshroud.scene.mistuning import NO_PATTERN, mistuned_designs, random_patterns
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.sector import asks_for_sector, whole_ring
 from jaxshroud.scene.typed import FloatArray, typed
 from jaxshroud.scene.vary import vary, with_numbers
 from jaxshroud.signals.amplitudes import check_vibration
@@ -34,7 +35,7 @@ from jaxshroud.verbs.mistuned_rows import (
     SearchSize,
     marched_problem,
     search_worst_pattern,
-    swept_responses,
+    tuned_and_mistuned_responses,
     with_patterns,
 )
 from jaxshroud.verbs.plan import plan_march
@@ -69,7 +70,8 @@ def mistune(
 
     Args:
         scene: A row of blades, or a scene file of one, whose [run] and [sweep] count where an argument is not given.
-            Its own mistuning is left out.
+            Its own mistuning is left out. With `row.sector` = "auto" the tuned row is marched by its sector, and those
+            with patterns whole.
         along: One key as for `vary`, such as "drive.speed" or "drive.omega", with values (n,) in SI units that
             increase: the range that holds the resonances. None: that of the file.
         sigmas: Standard deviations of the relative deviations of k_x, k_y and k_T of each blade, one or more.
@@ -134,7 +136,7 @@ def mistune(
         values |= _search_values(row, run.problem, size, float(max(sigmas)), seed, values["tuned_largest"])
     values |= {"of": of, "along": row.along, "linear": linear or "", "direction_of": direction, "seed": seed}
     steps = int(run.attributes["steps_per_period"])
-    attrs, _ = resolved._replace(scene=row.scene).provenance(resolved.transient, steps)
+    attrs, _ = resolved._replace(scene=row.by_sector or row.scene).provenance(resolved.transient, steps)
     ways = SINGLE_DIRECTIONS if direction == "both" else (direction,)
     coords = mistuned_coordinates(row.along, row.values, drawn.designs, drawn.sigmas, ways, patterns.shape[1])
     return Mistuned.from_values(values, coords=coords, attrs=attrs)
@@ -170,7 +172,8 @@ def _mistuned_row(scene: Scene | SceneFile, along: Mapping[str, Any] | None, of:
         raise InputError("Argument `along` must name one key with at least two values that increase.")
     ((key, values),) = axes.items()
     with_numbers(one, [key])
-    return MistunedRow(vary(one, "row.mistuning", np.zeros(one.layout.blades)), key, values, of)
+    tuned = vary(one, "row.mistuning", np.zeros(one.layout.blades))
+    return MistunedRow(whole_ring(tuned), key, values, of, tuned if asks_for_sector(tuned) else None)
 
 
 def pattern_rows(
@@ -277,10 +280,10 @@ def _marched(
     in_all = main + round(search)
     tick = None if progress is None else lambda done, _: progress(done, in_all)
     store, resume = stored
-    responses, swept = swept_responses(
+    responses, chatter = tuned_and_mistuned_responses(
         row, patterns, direction, run, store=None if store is None else Path(store), resume=resume, progress=tick
     )
-    return responses, _Run(problem(in_all), {**march.attributes, "chatter": swept.chatter})
+    return responses, _Run(problem(in_all), {**march.attributes, "chatter": chatter})
 
 
 def _monte_carlo(row: MistunedRow, drawn: _Drawn) -> dict[str, Any]:
@@ -328,6 +331,7 @@ def _monte_carlo(row: MistunedRow, drawn: _Drawn) -> dict[str, Any]:
         "design_narrow": of_designs(top.coarse),
         "tuned_narrow": int(top.coarse[0]),
         "unsettled": int(np.sum(~responses.settled.astype(bool))),
+        "unjudged": 0 if responses.unjudged is None else int(np.sum(responses.unjudged)),
     }
 
 

@@ -16,7 +16,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.plan import Progress
-from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.layout import Direction
 from jaxshroud.scene.mistuning import random_patterns
@@ -27,6 +26,7 @@ from jaxshroud.signals.waves import LargestAmplitude, RowResponses, largest_ampl
 from jaxshroud.verbs.sweep import sweep
 
 PATTERN_STEP = 0.5  # of a path, in units of the radius of the ball of patterns
+TUNED_STORE = "tuned.zarr"  # of the tuned row by its sector, in the store of the patterns
 STEP_GAIN, STEP_LOSS = 1.5, 0.3  # of the step after an update that raises the amplitude, and after one that does not
 
 
@@ -164,10 +164,11 @@ DIFFERENCE = 1e-4  # of the mistuning of one blade, across which a slope is take
 class MistunedRow(NamedTuple):
     """A row, the number along which it responds, and the amplitude that counts."""
 
-    scene: Scene  # without mistuning
+    scene: Scene  # without mistuning, marched whole
     along: str
     values: FloatArray
     of: str
+    by_sector: Scene | None = None  # the same, marched by its sector; None where that is not asked for
 
 
 def with_patterns(scene: Scene, patterns: FloatArray) -> Scene:
@@ -185,8 +186,8 @@ def swept_responses(
     store: Path | None = None,
     resume: bool = False,
     progress: Progress | None = None,
-) -> tuple[RowResponses, SweepResult]:
-    """The response of rows with contact to patterns (n, N), by a sweep of all patterns, and that sweep.
+) -> tuple[RowResponses, str | None]:
+    """The response of rows with contact to patterns (n, N), by a sweep of all patterns, and what it tells of chatter.
 
     Args:
         row: The row.
@@ -211,8 +212,40 @@ def swept_responses(
     )
     directed = (lambda a: np.moveaxis(a, 0, 1)) if direction == "both" else (lambda a: a[:, None])
     amplitude = np.asarray(getattr(swept, row.of), float)
-    responses = RowResponses(*(directed(np.asarray(a)) for a in (amplitude, swept.status, swept.settled)))
-    return responses, swept
+    numbers = amplitude, swept.status, swept.settled, swept.unjudged
+    responses = RowResponses(*(directed(np.asarray(a)) for a in numbers))
+    return responses, swept.chatter
+
+
+def tuned_and_mistuned_responses(
+    row: MistunedRow,
+    patterns: FloatArray,
+    direction: Direction,
+    run: Mapping[str, Any],
+    *,
+    store: Path | None = None,
+    resume: bool = False,
+    progress: Progress | None = None,
+) -> tuple[RowResponses, str | None]:
+    """`swept_responses` to patterns (n, N) whose first is none: by the sector where that of the tuned row is asked for.
+
+    The sector has a store of its own within that of the patterns.
+    """
+    if row.by_sector is None:
+        return swept_responses(row, patterns, direction, run, store=store, resume=resume, progress=progress)
+    done = 0
+
+    def tick(lane_periods: int | float, _: int) -> None:
+        if progress is not None:
+            progress(done + lane_periods, done)
+
+    how = {"direction": direction, "run": run, "resume": resume, "progress": tick}
+    mistuned, chatter = swept_responses(row, patterns[1:], store=store, **how)
+    done = (run["n_periods"] + run["transient"]) * mistuned.status.size
+    tuned, other = swept_responses(
+        row._replace(scene=row.by_sector), patterns[:1], store=None if store is None else store / TUNED_STORE, **how
+    )
+    return jax.tree.map(lambda *a: np.concatenate(a), tuned, mistuned), other or chatter
 
 
 def marched_problem(

@@ -29,7 +29,14 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.signals.amplitudes import amplitude_values, check_vibration, counted_mean, counted_periods, load_values
+from jaxshroud.signals.amplitudes import (
+    amplitude_intervals,
+    amplitude_values,
+    check_vibration,
+    counted_mean,
+    counted_periods,
+    load_values,
+)
 from jaxshroud.signals.averages import (
     Reduction,
     averages,
@@ -97,7 +104,8 @@ def _summaries(
     orbit, reduction, P_0 = averages(scenes, joined, period_tol)
     series = period_reductions(scenes, joined, P_0)
     residual = np.full(len(series), np.nan) if joined.residual is None else relative_residual(joined)
-    kept = amplitude_values(scenes, joined, orbit.number) | load_values(scenes, joined, orbit.number)
+    told_of = scenes, joined, orbit.number
+    kept = amplitude_values(*told_of) | amplitude_intervals(*told_of) | load_values(*told_of)
     counted = counted_periods(joined, orbit.number)
 
     def total(a):

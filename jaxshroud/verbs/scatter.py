@@ -21,6 +21,7 @@ from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.layout import Layout
 from jaxshroud.scene.quantities import Quantity, amplitude_of, check_only_P_d, counted_amplitude, is_reduction
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.sector import require_sector
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of, with_numbers
 from jaxshroud.signals.amplitudes import check_vibration, counted_reduction
@@ -122,6 +123,7 @@ def scatter(
     rows = draw_rows(nominal, bounds, at_least, draws, seed, resolved, per_draw)
     lanes, ends = rows.shape[0] * rows.shape[1] * per_draw, np.array(list(bounds.values()), float)
     scenes = _scenes(nominal, list(bounds), rows.reshape(-1, len(bounds)), condition_values)
+    require_sector(scenes)
     if is_reduction(of):
         check_vibration(of, scenes, lambda lacks: lacks.reshape(per_draw, -1).all(axis=1).any())  # all of a condition
     if linear is None and state is None:

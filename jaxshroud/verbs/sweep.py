@@ -92,8 +92,9 @@ def sweep(
             rates at its ends, so that the part of a maximum that is missed falls as the fourth power of the step; the
             friction of smooth contact is taken at the ends of steps only. With them come the loads that wear the faces
             (slip, normal load, impacts). Of rows of blades all of these are told for each interface.
-        amplitudes: Keep the mean of x, y and theta of both blades, their root mean square about it, and their amplitude
-            (largest distance from the mean), at a third more time.
+        amplitudes: Keep the mean of x, y and theta of both blades, their root mean square about it with the half width
+            of its 95 % interval (`x_rms_ci`, ...), and their amplitude (largest distance from the mean; of an aperiodic
+            motion the largest of the kept periods), at a third more time.
         confirm: Run every lane again with half the step, a tenth of the tolerance and a quarter of `flat_return`, and
             mark those that settle on another motion (`unconfirmed`); of independent lanes, at some twice the time.
         keep_samples: Keep the samples of each lane. Without them memory is bounded: for maps of many lanes.

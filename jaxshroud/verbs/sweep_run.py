@@ -29,7 +29,13 @@ from jaxshroud.results.sweep import GAP_ATTRS, SweepResult, sweep_coordinates
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.layout import Direction
 from jaxshroud.scene.scene import Scene
-from jaxshroud.signals.amplitudes import amplitude_values, counted_mean, counted_periods, load_values
+from jaxshroud.signals.amplitudes import (
+    amplitude_intervals,
+    amplitude_values,
+    counted_mean,
+    counted_periods,
+    load_values,
+)
 from jaxshroud.signals.averages import averages, contact_shares, relative_drop, relative_residual
 from jaxshroud.signals.period import SETTLED
 from jaxshroud.verbs.arguments import ResolvedOptions, in_shape
@@ -262,6 +268,7 @@ def _lane_numbers(scenes: Scene, runs: Runs, settings: SweepSettings) -> dict[st
         **({} if scenes.row is None else _row_numbers(runs, power_reduction(power.P, P_0))),
         **load_values(scenes, runs.samples, number),
         **amplitude_values(scenes, runs.samples, number),
+        **amplitude_intervals(scenes, runs.samples, number),
     }
 
 

@@ -13,12 +13,13 @@ from jaxshroud.march.method_names import LARGEST_FIRST, RANKED_BY
 from jaxshroud.march.stability import lanes_that_auto_steps_follow
 from jaxshroud.model.modes import Status
 from jaxshroud.results.sweep import SweepResult
-from jaxshroud.results.table import ROW, DesignTable
+from jaxshroud.results.table import ROW, UNDECIDED_MOTION, DesignTable
 from jaxshroud.scene.checks import InputError, SceneError, did_you_mean
 from jaxshroud.scene.designs import Designs, read_designs
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import Layout, require_capability
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.sector import require_sector
 from jaxshroud.scene.typed import typed
 from jaxshroud.signals.amplitudes import check_vibration, counted_reduction
 from jaxshroud.signals.period import NOT_SETTLED, SETTLED
@@ -132,12 +133,15 @@ def checked_designs(
 
     Raises:
         SceneError: See `read_designs`; or no row is right.
+        InputError: The sector of a ring is asked for, and designs have none.
     """
     designs = read_designs(table, base, faults, decimal_comma)
     appended = {name for name, variable in DesignTable.variables.items() if not isinstance(variable, Attribute)}
     for head in designs.heads:
         if head.partition("[")[0].strip() in {ROW, *appended}:
             raise SceneError(f"column `{head}` is one that the table appends; remove it, or rename it")
+    if designs.right.size:
+        require_sector(designs.scenes(base))
     if designs.right.size and base.parts.contact != "none":
         followed = lanes_that_auto_steps_follow(designs.scenes(base))
         designs = designs.marked(designs.right[~followed], "the design is too stiff, or too slow, to be followed")
@@ -185,7 +189,7 @@ def _verdict_words(swept: SweepResult) -> list[str]:
         if status != Status.OK:
             return "stopped"
         if settling != SETTLED:
-            return "transient not over" if settling == NOT_SETTLED else "undecided"
+            return "transient not over" if settling == NOT_SETTLED else UNDECIDED_MOTION
         return f"period {number}" if number else "aperiodic"
 
     return [*map(words, swept.status.tolist(), swept.settling.tolist(), swept.period_number.tolist())]

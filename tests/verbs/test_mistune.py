@@ -290,13 +290,15 @@ def test_rows_are_run_up_and_down_the_speeds_and_searched(marched):
 
 
 def test_a_pattern_with_a_lane_that_stopped_is_left_out(monkeypatch):
-    from jaxshroud.verbs import mistune as verb
+    from jaxshroud.verbs import mistuned_rows as verb
 
     def stopping(*arguments, **named):
-        found, swept = swept_responses(*arguments, **named)
+        found, chatter = swept_responses(*arguments, **named)
         amplitude, status = found.amplitude.copy(), np.array(found.status)
         amplitude[3, 0, 1], status[3, 0, 1] = np.nan, Status.TOO_MANY_EVENTS
-        return found._replace(amplitude=amplitude, status=status), swept
+        unjudged = np.arange(status.size).reshape(status.shape) < 5  # aperiodic lanes
+        settled = found.settled.astype(bool) & ~unjudged
+        return found._replace(amplitude=amplitude, status=status, settled=settled, unjudged=unjudged), chatter
 
     swept_responses = verb.swept_responses
     monkeypatch.setattr(verb, "swept_responses", stopping)
@@ -305,6 +307,11 @@ def test_a_pattern_with_a_lane_that_stopped_is_left_out(monkeypatch):
     assert found.left_out == found.failed == 1
     assert found.quantile[0, 0, 1] == pytest.approx(np.nanmedian(found.amplification))
     assert any("left out" in line for line in found.messages)
+    assert found.unjudged == 5
+    advice = "5 lanes: too few periods to judge an aperiodic motion; keep at least 64 (--periods 64)"
+    assert advice in found.messages
+    drifting = f"{found.unsettled - 5} lanes are not known to be settled: take a longer transient"
+    assert (drifting in found.messages) is (found.unsettled > 5)
 
 
 def test_the_command_writes_what_the_verb_finds_and_says_what_is_wrong(tmp_path, capsys):

@@ -12,12 +12,15 @@ import jaxshroud as js
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import folded, run_lanes
 from jaxshroud.batch.states import initial_states
+from jaxshroud.batch.tangents import run_flow
 from jaxshroud.cli import commands as cli
 from jaxshroud.march.method import choices
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.config import load, parse
 from jaxshroud.scene.sector import sector_blades
 from jaxshroud.scene.text import text_of
+from jaxshroud.verbs.design_problem import problem_of
+from jaxshroud.verbs.gradient_ascent import _perturbed_start, exact_slopes
 
 METHOD = js.RungeKutta("dopri8", steps=60)
 HEAVY = ["blades.I=0.00246"]  # light blocks chatter: equal blades of the whole ring soon differ there too
@@ -229,10 +232,98 @@ def test_lanes_at_their_end_are_those_of_the_whole_ring(options):
         np.testing.assert_allclose(getattr(small.samples, name), getattr(whole.samples, name), rtol=1e-11, atol=1e-12)
 
 
-def test_patterns_of_mistuning_have_no_sector():
-    how = {"n_periods": 1, "transient": 0, "method": METHOD, "n_patterns": 2}
-    with pytest.raises(InputError, match="mistuning differs"):
-        js.mistune(by_sector(ring()), {"drive.omega": [530.0, 540.0]}, **how)
+SPEEDS = {"drive.omega": [530.0, 540.0]}
+COARSE = js.RungeKutta("rk4", steps=100)
+FOUR = ["row.blades=4", "drive.engine_order=2"]  # by a sector of two
+
+
+def test_a_tuned_row_goes_by_its_sector_and_patterns_whole(tmp_path, monkeypatch):
+    how = {"n_periods": 2, "transient": 2, "method": COARSE, "n_patterns": 2}
+    whole = js.mistune(ring(*FOUR), SPEEDS, **how)
+    one = by_sector(ring(*FOUR))
+    lanes = []
+
+    def told(scenes, states, *rest):
+        lanes.append((scenes.layout.blades, folded(scenes, states).copies, len(scenes.drive.omega)))
+        return run_lanes(scenes, states, *rest)
+
+    monkeypatch.setattr("jaxshroud.batch.runs.run_lanes", told)
+    done = []
+    small = js.mistune(one, SPEEDS, progress=lambda *now: done.append(now), **how)
+    assert lanes == [(4, 1, 6), (4, 2, 2)]  # a design without a random part and two patterns; the tuned row
+    assert done[-1] == (32, 32)
+    assert not {name: d for name, d in largest_difference(whole, small).items() if d > 1e-9}
+    stored = js.mistune(one, SPEEDS, store=tmp_path / "a.zarr", **how)
+    lanes.clear()
+    again = js.mistune(one, SPEEDS, store=tmp_path / "a.zarr", resume=True, **how)
+    assert not lanes
+    for found in (stored, again):
+        assert not {name: d for name, d in largest_difference(small, found).items() if d > 0}
+    assert parse(small.scene, "again").scene.row.sector == "auto"
+
+
+UNLIKE = "row.mistuning differs"
+END = {"table": ".csv", "scatter": "", "tune": ""}  # of the names of results
+
+
+def test_what_makes_blades_unlike_is_refused_by_verbs(tmp_path, monkeypatch, capsys):
+    one, how = by_sector(ring()), {"n_periods": 1, "transient": 0, "method": METHOD}
+    monkeypatch.setattr("jaxshroud.batch.runs.march_of", None)  # nothing is marched
+    for asked in (
+        lambda: js.scatter(one, {"row.mistuning": 0.01}, draws=2, **how),
+        lambda: js.table(one, {"row.mistuning[3]": [0.0, 0.01]}, **how),
+        lambda: js.tune(one, {"shroud.gap": (1e-5, 2e-5)}, scatters={"row.mistuning": 0.01}, **how),
+        lambda: js.tune(one, {"row.mistuning[3]": (0.0, 0.01)}, **how),
+    ):
+        with pytest.raises(InputError, match=UNLIKE):
+            asked()
+    designs = tmp_path / "designs.csv"
+    designs.write_text("row.mistuning[3]\n0\n0.01\n")
+    for command in (
+        ["table", str(designs), "--scene", "row_ring12"],
+        ["scatter", "row_ring12", "--tolerance", "row.mistuning=0.01"],
+        ["tune", "row_ring12", "--over", "row.mistuning[3]=0:0.01"],
+        ["tune", "row_ring12", "--over", "shroud.gap=10um:20um", "--tolerance", "row.mistuning=0.01"],
+    ):
+        out = str(tmp_path / f"out{END[command[0]]}")
+        assert cli.main([*command, "--set", "row.sector=auto", "--out", out]) == 2, command
+        told = capsys.readouterr().err.strip().splitlines()
+        assert len(told) == 1, told
+        assert UNLIKE in told[0]
+
+
+@pytest.mark.full(but=["P_d_worst"])
+@pytest.mark.parametrize("of", ["P_d_worst", "P", "x_rms"])
+def test_designs_are_tuned_by_their_sector(of, monkeypatch):
+    over = {"shroud.gap": (1e-5, 4e-5), "friction.mu": (0.2, 0.4)}
+    small, whole = (one.scene for one in (by_sector(ring(*FOUR)), ring(*FOUR)))
+    marched = []
+    monkeypatch.setattr(
+        "jaxshroud.verbs.gradient_ascent.run_flow",
+        lambda scenes, *rest: marched.append(scenes.value.layout.blades) or run_flow(scenes, *rest),
+    )
+    plan = Plan(1, 2, 100, 0.0, choices(COARSE)._replace(amplitudes=of == "x_rms", precision="float64"))
+    slopes = [
+        exact_slopes(problem_of(scene, over, {}, None, of)._replace(plan=plan), np.array([[0.4, 0.6]]), id)[0]
+        for scene in (small, whole)
+    ]
+    np.testing.assert_allclose(slopes[0], slopes[1], rtol=1e-8)
+    assert marched == [2, 2, 4, 4]
+
+
+def test_other_starts_of_a_tuned_row_repeat_from_sector_to_sector():
+    small, whole = (_perturbed_start(one.scene, np.random.default_rng(0)).motion for one in (by_sector(ring()), ring()))
+    np.testing.assert_array_equal(small.v_x, np.tile(small.v_x[:4], 3))
+    assert np.ptp(whole.v_x.reshape(3, 4), axis=0).min() > 0
+
+
+@pytest.mark.full
+def test_a_search_finds_the_same_design():
+    how = {"n_periods": 4, "transient": 4, "method": METHOD, "search": js.SearchOptions(4, 1, 1), "of": "x_rms"}
+    whole = ring(*FOUR)
+    one, other = (js.tune(scene, {"shroud.gap": (1e-5, 4e-5)}, **how) for scene in (by_sector(whole), whole))
+    assert one.design["shroud.gap"] == pytest.approx(other.design["shroud.gap"], rel=1e-6)
+    np.testing.assert_allclose(one.scanned_scores, other.scanned_scores, rtol=1e-8)
 
 
 PRESSED = ["shroud.gap=-0.4 mm", "drive.F_0=2", "drive.M_0=0", "friction.mu=0.9", "initial.start=static"]
