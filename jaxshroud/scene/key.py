@@ -4,7 +4,10 @@ import math
 from types import EllipsisType
 from typing import Any, NamedTuple
 
-LARGEST, SMALLEST = 1e30, 1e-30  # of a number in SI units, and of one that is positive: products do not overflow
+LARGEST_NUMBER, SMALLEST_POSITIVE = (
+    1e30,
+    1e-30,
+)  # of a number in SI units, and of one that is positive: products do not overflow
 
 
 class Range(NamedTuple):
@@ -18,22 +21,22 @@ class Range(NamedTuple):
 
     def holds(self, value):
         """Whether a number, or each of an array, is in the range."""
-        above = value - self.minimum >= SMALLEST if self.open else value >= self.minimum
-        inside = (abs(value) <= LARGEST) & above & (value <= self.maximum)
+        above = value - self.minimum >= SMALLEST_POSITIVE if self.open else value >= self.minimum
+        inside = (abs(value) <= LARGEST_NUMBER) & above & (value <= self.maximum)
         return inside & _is_whole(value) if self.whole else inside
 
     def fault(self, value: float) -> str:
         """The message for a number outside the range."""
         if not abs(value) < math.inf:
             return "must be a finite number"
-        if abs(value) > LARGEST:
-            return f"must be at most {LARGEST:g} in magnitude"
+        if abs(value) > LARGEST_NUMBER:
+            return f"must be at most {LARGEST_NUMBER:g} in magnitude"
         if self.whole and not _is_whole(value):
             return "must be a whole number"
         if value > self.maximum:
             return f"must be less than or equal to {self.maximum}"
         if self.open and value > self.minimum:
-            return f"must be at least {SMALLEST:g}"
+            return f"must be at least {SMALLEST_POSITIVE:g}"
         return f"must be greater than {'' if self.open else 'or equal to '}{self.minimum:g}"
 
 

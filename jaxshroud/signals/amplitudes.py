@@ -101,7 +101,7 @@ def _rms_half_width(mean: np.ndarray, square: np.ndarray, q: int, unit: float) -
 
 def _by_period(values: np.ndarray) -> np.ndarray:
     """Values (lanes, periods, blades) with periods side by side, (lanes, blades, periods): sums are pairwise."""
-    return np.stack(np.moveaxis(values, -1, 0), axis=1)
+    return np.stack([*np.moveaxis(values, -1, 0)], axis=1)
 
 
 def counted_periods(samples: Sample, number: np.ndarray) -> np.ndarray:
