@@ -49,6 +49,7 @@ from jaxshroud.verbs.arguments import check_row
 from jaxshroud.verbs.asked import MarchPlan
 from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE, sweep
 
+BARE_AMPLITUDES = ("largest amplitude of x [m]", "largest amplitude of y [m]", "largest amplitude of theta [rad]")
 RESUME_ADVICE = "; the same command with --resume goes on"
 MOST_IN_FILE = 2**30  # bytes of results that are held in memory, and written at the end as one file
 
@@ -300,9 +301,9 @@ def _jump_places(result: SweepResult) -> dict[str, str]:
 
 
 def _in_words(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """A summary as it is printed: what has words in these, and not as a bare number in SI units as well."""
+    """A summary as it is printed: amplitudes in words, and not as bare numbers in SI units as well."""
     words = {name: value["words"] for name, value in summary.items() if isinstance(value, dict) and "words" in value}
-    return {name: value for name, value in summary.items() if name.rpartition(" [")[0] not in words} | words
+    return {name: value for name, value in summary.items() if not (words and name in BARE_AMPLITUDES)} | words
 
 
 def _best_row(summary: Mapping[str, Any]) -> dict[str, str]:

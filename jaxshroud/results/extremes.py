@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 EQUAL_BLADES = 1e-6  # relative distance of amplitudes of blades that count as one
 MOST_NAMED = 6  # blades
 DIGITS = 3
-TRANSIENTS = {NOT_SETTLED: ", transient not over", UNKNOWN_IF_SETTLED: ", not known whether the transient is over"}
+TRANSIENTS = {NOT_SETTLED: ", transient not over", UNKNOWN_IF_SETTLED: ", transient perhaps not over"}
 DIRECTIONS = {"independent": "from rest", "forward": "swept forward", "backward": "swept backward"}
 SIDES = {"x": "shroud.l_oa", "y": "shroud.l_ab"}  # of a block
 Place = Mapping[str, float]  # of a lane in a sweep: key -> value [SI]
@@ -92,7 +92,7 @@ def largest_amplitude(swept: "SweepResult", of: str, counting: slice = slice(Non
         settling=int(swept.settling[lane]),
         direction=_direction(swept, lane),
         free=float(np.nanmax(free[free_lane])),
-        free_place=_place(swept, free_lane),
+        free_place=_place(swept, free_lane) if free[free_lane].any() else {},
         layout=layout,
     )
 

@@ -222,7 +222,7 @@ def _motion_of_faces(x: Any, y: Any, alpha: Scalar, interfaces: int) -> tuple[An
 
 
 def _share_in_phase(waves: Sequence[Any]) -> Scalar:
-    """The share of the mean square of complex amplitudes (2,) in which both are one; NaN where all are 0 or infinite."""
+    """The share of the mean square of complex amplitudes (2,) in which both are one; NaN where all are 0 or inf."""
     parts = [part for wave in waves for part in (wave.real, wave.imag)]
     return sum(jnp.square(jnp.sum(a)) for a in parts) / (2 * sum(jnp.sum(jnp.square(a)) for a in parts))
 
