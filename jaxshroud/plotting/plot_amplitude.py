@@ -120,7 +120,7 @@ def _draw_amplitude(panel: Axes, shown: AmplitudeContent, name: str) -> None:
     free = (free.isel(direction=0) if "direction" in free.dims else free).to_numpy() * unit.factor
     panel.plot(axis.values, free, **FREE_STYLE)
     panel.set(xlabel=axis.label, ylabel=unit.label, ylim=_amplitude_limits(levels * unit.factor, free))
-    _mark_free_beyond(panel, axis, free, unit)
+    _mark_free_beyond(panel, axis, axis.values, free, unit)
 
 
 def _amplitude_limits(levels: PlotArray, free: PlotArray) -> tuple[float, float]:
@@ -131,20 +131,20 @@ def _amplitude_limits(levels: PlotArray, free: PlotArray) -> tuple[float, float]
     return 0.0, 1.06 * (max(top, most) if most < 4 * top else some) or 1.0
 
 
-def _mark_free_beyond(panel: Axes, axis: ParameterAxis, free: PlotArray, unit: AmplitudeUnit) -> None:
-    """An arrow where the largest amplitude without contact (..., values) is above the panel, with its number."""
-    largest = np.nan_to_num(free, nan=-np.inf).reshape(-1, len(axis.values)).max(axis=0)
-    at = int(largest.argmax())
-    if largest[at] <= panel.get_ylim()[1]:
+def _mark_free_beyond(
+    panel: Axes, axis: ParameterAxis, places: PlotArray, levels: PlotArray, unit: AmplitudeUnit
+) -> None:
+    """An arrow where the largest of amplitudes without contact is above the panel, with its number and place."""
+    at = int(np.argmax(np.nan_to_num(levels, nan=-np.inf, posinf=np.inf)))
+    level, place = levels[at], places[at]
+    if not level > panel.get_ylim()[1]:
         return
-    place, low, high = axis.values[at], axis.edges[0], axis.edges[-1]
-    is_right = (place - low) > 0.5 * (high - low)
-    level = f"{largest[at]:.3g}{_unit_in_label(unit.label)}" if np.isfinite(largest[at]) else "without bound"
-    level = f"{level} at {place:.4g}{_unit_in_label(axis.label)}"
-    at_place = panel.get_xaxis_transform()
-    panel.annotate("", (place, 1.0), (place, MARK_FOOT), at_place, at_place, arrowprops=MARK_ARROW, zorder=5)
-    aside, side = (-4, "right") if is_right else (4, "left")
-    panel.annotate(level, (place, 1.0), (aside, -2), at_place, "offset points", ha=side, va="top", **MARK_TEXT)
+    text = f"{level:.3g}{_unit_in_label(unit.label)}" if np.isfinite(level) else "without bound"
+    text += f"\nat {place:.4g}{_unit_in_label(axis.label)}"
+    aside, side = (4, "left") if place < axis.edges[[0, -1]].mean() else (-4, "right")
+    across = panel.get_xaxis_transform()  # places on the axis, and shares of the height
+    panel.annotate("", (place, 1.0), (place, MARK_FOOT), across, across, arrowprops=MARK_ARROW, zorder=5)
+    panel.annotate(text, (place, 1.0), (aside, -2), across, "offset points", ha=side, va="top", **MARK_TEXT)
 
 
 def _unit_in_label(label: str) -> str:
@@ -244,8 +244,9 @@ def _draw_response(panel: Axes, shown: ResponseContent) -> None:
         panel.plot(places[order], tops[order], ":", color=INK, lw=0.7, zorder=2)
     panel.plot(places, tops, "^", ms=3.5, mfc="white", mec=INK, mew=0.6, zorder=4)
     every = np.concatenate([*levels, tops])
+    free_tops = ds["free_value"].to_numpy() * ratio, ds["free_amplitude"].to_numpy() * factor
     panel.set(xlabel=axis.label, ylabel=shown.unit.label, ylim=_amplitude_limits(every, free))
-    _mark_free_beyond(panel, axis, free, shown.unit)
+    _mark_free_beyond(panel, axis, *free_tops, shown.unit)
 
 
 def _free_levels(shown: ResponseContent) -> PlotArray:
