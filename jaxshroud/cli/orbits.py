@@ -112,6 +112,7 @@ def _output_response(completed: CompletedCall) -> None:
             f"{a:.6g} {unit} at {_place_text(result, v)}"
             for a, v in zip(result.free_amplitude, result.free_value, strict=True)
         ),
+        **_extreme_rows(result),
         **_jump_rows(result),
         "ended": result.ended,
         "method": result.method,
@@ -131,12 +132,22 @@ def _place_text(result: Response, value: float) -> str:
     return display_value(*find_key(result.along)[0].parts, value)
 
 
+def _members_of(result: Response) -> list[str]:
+    """How rows of a table name the members; empty where there is only one."""
+    return [f" of member {i}" for i in range(result.data.sizes["member"])] if result.over else [""]
+
+
+def _extreme_rows(result: Response) -> dict[str, str]:
+    """The largest amplitude and the smallest P_d of each member."""
+    rows = zip(_members_of(result), result.extremes, strict=True)
+    return {f"{name}{member}": told["words"] for member, extremes in rows for name, told in extremes.items()}
+
+
 def _jump_rows(result: Response) -> dict[str, str]:
     """The values before which the sweeps jump, by direction and member."""
-    members = [f" of member {i}" for i in range(len(result.jumps))] if result.over else [""]
     return {
         f"jumps {direction}{member}": ", ".join(_place_text(result, value) for value in values)
-        for member, jumps in zip(members, result.jumps, strict=True)
+        for member, jumps in zip(_members_of(result), result.jumps, strict=True)
         for direction, values in jumps.items()
     }
 

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import sys
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -33,6 +34,7 @@ from jaxshroud.io.store import write_json
 from jaxshroud.io.unfinished_store import BEGUN, remove_store, write_attributes
 from jaxshroud.march.method import FOR_P_D, FOR_P_D_WITH_LEDGER
 from jaxshroud.model.modes import Status
+from jaxshroud.results.extremes import passed_sides
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.checks import MAX_VALUES
 from jaxshroud.scene.file import Axis, SceneFile
@@ -47,6 +49,7 @@ from jaxshroud.verbs.arguments import check_row
 from jaxshroud.verbs.asked import MarchPlan
 from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE, sweep
 
+BARE_AMPLITUDES = ("largest amplitude of x [m]", "largest amplitude of y [m]", "largest amplitude of theta [rad]")
 RESUME_ADVICE = "; the same command with --resume goes on"
 MOST_IN_FILE = 2**30  # bytes of results that are held in memory, and written at the end as one file
 
@@ -103,7 +106,9 @@ def sweep_command(options: argparse.Namespace) -> None:
         summary |= {"unconfirmed": int(result.unconfirmed.sum())}
     write_json(summary, options.out / "summary.json")
     warn_status(result.status, result.chatter)
-    shown = {**summary, **_best_row(summary), **_jump_places(result), "written": files_written()}
+    for line in passed_sides(result):
+        print(f"warning: {line}", file=sys.stderr)
+    shown = {**_in_words(summary), **_best_row(summary), **_jump_places(result), "written": files_written()}
     print_table(file.title or file.name, shown)
 
 
@@ -293,6 +298,12 @@ def _jump_places(result: SweepResult) -> dict[str, str]:
         for kind, by_direction in places.items()
         for direction, values in by_direction.items()
     }
+
+
+def _in_words(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """A summary as it is printed: amplitudes in words, and not as bare numbers in SI units as well."""
+    words = {name: value["words"] for name, value in summary.items() if isinstance(value, dict) and "words" in value}
+    return {name: value for name, value in summary.items() if not (words and name in BARE_AMPLITUDES)} | words
 
 
 def _best_row(summary: Mapping[str, Any]) -> dict[str, str]:

@@ -27,6 +27,7 @@ from jaxshroud.plotting.run_data import points_of_member
 from jaxshroud.plotting.style import (
     BLUE,
     COLUMN_WIDTH,
+    DARK,
     GREEN,
     GREY,
     INK,
@@ -52,6 +53,17 @@ LOCALISATION_STYLE: Properties = {
     **{"ms": MARKER_SIZE, "mec": INK, "mew": 0.5},
 }
 MAX_IN_LEGEND = 8  # members of a family
+ROOM_FOR_MARK, MARK_FOOT = 1.3, 0.86  # of a panel: its height over the amplitudes, and where an arrow at its top begins
+MARK_ARROW: Properties = {
+    "arrowstyle": "-|>",
+    "color": DARK,
+    "lw": 0.8,
+    "mutation_scale": 6,
+    "shrinkA": 0,
+    "shrinkB": 0,
+}
+MARK_TEXT: Properties = {"color": DARK, "fontsize": 7, "zorder": 5}
+MARK_TEXT |= {"bbox": {"facecolor": "white", "edgecolor": "none", "pad": 0.8}}  # on which lines do not show through
 DRAWN = "amplitude drawn"  # a name that no key has
 
 
@@ -94,7 +106,7 @@ def amplitude_page(ds: xr.Dataset, appearance: Appearance) -> Page[AmplitudeCont
     names = [name for name in DISPLACEMENT_SYMBOLS if float(np.nanmax(ds[f"{name}_peak"].to_numpy(), initial=0.0)) > 0]
     panels = [Panel(name, lambda panel, shown, name=name: _draw_amplitude(panel, shown, name)) for name in names or "x"]
     content = AmplitudeContent(ds, parameter_axis(ds[dim], appearance), appearance)
-    size = COLUMN_WIDTH, 0.7 + 1.6 * len(panels)
+    size = COLUMN_WIDTH, 0.7 + (1.6 if layout_in(ds).counted == 1 else 2.0) * len(panels)
     return Page(content, panels, title_of(ds), size, shared="x", finish=_finish_amplitudes)
 
 
@@ -105,18 +117,39 @@ def _draw_amplitude(panel: Axes, shown: AmplitudeContent, name: str) -> None:
     unit = _unit_in(ds, f"{name}_peak", float(np.nanmax(levels, initial=0.0)), appearance)
     _draw_directions(panel, counted.to_dataset(name=DRAWN).assign(status=ds["status"]), axis.values, unit)
     free = _levels_of(ds, f"{name}_free")
-    free = free.isel(direction=0) if "direction" in free.dims else free
-    panel.plot(axis.values, free.to_numpy() * unit.factor, **FREE_STYLE)
-    panel.set(xlabel=axis.label, ylabel=unit.label)
-    panel.set_ylim(*_amplitude_limits(levels * unit.factor, free.to_numpy() * unit.factor))
+    free = (free.isel(direction=0) if "direction" in free.dims else free).to_numpy() * unit.factor
+    panel.plot(axis.values, free, **FREE_STYLE)
+    panel.set(xlabel=axis.label, ylabel=unit.label, ylim=_amplitude_limits(levels * unit.factor, free))
+    _mark_free_beyond(panel, axis, axis.values, free, unit)
 
 
 def _amplitude_limits(levels: PlotArray, free: PlotArray) -> tuple[float, float]:
     """An axis from 0 that shows all amplitudes, and of the free ones those that are not many times larger."""
     top, most = float(np.nanmax(levels, initial=0.0)), float(np.nanmax(free, initial=0.0))
     least = float(np.nanmin(free, initial=np.inf))
-    some = 1.6 * top if least < 1.6 * top else top
+    some = 1.6 * top if least < 1.6 * top else ROOM_FOR_MARK * top
     return 0.0, 1.06 * (max(top, most) if most < 4 * top else some) or 1.0
+
+
+def _mark_free_beyond(
+    panel: Axes, axis: ParameterAxis, places: PlotArray, levels: PlotArray, unit: AmplitudeUnit
+) -> None:
+    """An arrow where the largest of amplitudes without contact is above the panel, with its number and place."""
+    at = int(np.argmax(np.nan_to_num(levels, nan=-np.inf, posinf=np.inf)))
+    level, place = levels[at], places[at]
+    if not level > panel.get_ylim()[1]:
+        return
+    text = f"{level:.3g}{_unit_in_label(unit.label)}" if np.isfinite(level) else "without bound"
+    text += f"\nat {place:.4g}{_unit_in_label(axis.label)}"
+    aside, side = (4, "left") if place < axis.edges[[0, -1]].mean() else (-4, "right")
+    across = panel.get_xaxis_transform()  # places on the axis, and shares of the height
+    panel.annotate("", (place, 1.0), (place, MARK_FOOT), across, across, arrowprops=MARK_ARROW, zorder=5)
+    panel.annotate(text, (place, 1.0), (aside, -2), across, "offset points", ha=side, va="top", **MARK_TEXT)
+
+
+def _unit_in_label(label: str) -> str:
+    """The unit that a label of an axis ends with, after a space; empty for none."""
+    return f" {label.rpartition(' [')[2][:-1]}" if label.endswith("]") else ""
 
 
 def _draw_directions(panel: Axes, ds: xr.Dataset, values: PlotArray, unit: AmplitudeUnit) -> None:
@@ -211,7 +244,9 @@ def _draw_response(panel: Axes, shown: ResponseContent) -> None:
         panel.plot(places[order], tops[order], ":", color=INK, lw=0.7, zorder=2)
     panel.plot(places, tops, "^", ms=3.5, mfc="white", mec=INK, mew=0.6, zorder=4)
     every = np.concatenate([*levels, tops])
+    free_tops = ds["free_value"].to_numpy() * ratio, ds["free_amplitude"].to_numpy() * factor
     panel.set(xlabel=axis.label, ylabel=shown.unit.label, ylim=_amplitude_limits(every, free))
+    _mark_free_beyond(panel, axis, *free_tops, shown.unit)
 
 
 def _free_levels(shown: ResponseContent) -> PlotArray:
@@ -267,8 +302,7 @@ def _finish_response(figure: AnyFigure, axes: Mapping[str, Axes], shown: Respons
     panels = [*axes.values()]
     panels[-1].set(xlim=shown.axis.edges[[0, -1]])
     figure.align_ylabels(panels)
-    in_view = "amplitude" in axes and np.any(_free_levels(shown) < axes["amplitude"].get_ylim()[1])
-    free = [Line2D([], [], label="without contact", **FREE_STYLE)] if in_view else []
+    free = [Line2D([], [], label="without contact", **FREE_STYLE)] if "amplitude" in axes else []
     legend_below(figure, [*_response_handles(shown), *free])
 
 

@@ -73,6 +73,7 @@ class DataSheet(PlainResult):
     stop: float = 0.0
     crossings: "tuple[Crossing, ...]" = ()  # of engine orders with natural frequencies in that range
     pressed: tuple[float, ...] = ()  # displacement of each block by interference alone, without rotation [m]
+    in_phase: float = math.nan  # of a pair: share of the mean square of its free shifts in which both blades move alike
     gaps: tuple[float, ...] = ()  # of a row, as are all that follow: at each interface [m]
     approaches: tuple[float, ...] = ()  # see `approach` [m]
     advice: tuple[str, ...] = ()  # what may do better; of pairs too

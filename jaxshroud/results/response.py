@@ -20,9 +20,17 @@ from jaxshroud.plotting.run_data import (
 )
 from jaxshroud.results.base import Result, result_from_dataset
 from jaxshroud.results.branch import Branch
+from jaxshroud.results.extremes import (
+    LargestAmplitude,
+    largest_amplitude,
+    largest_blades,
+    passed_sides,
+    smallest_reduction,
+)
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.quantities import unit_of
 from jaxshroud.scene.typed import typed
+from jaxshroud.signals.period import SETTLED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -157,7 +165,7 @@ class Response(Result):
             row["ratio"] = row["amplitude"] / free if free else np.nan
             row["reason"] = reason
         for row, levels in zip(rows, () if self.peak_blades is None else self.peak_blades, strict=False):
-            row["blades"] = np.flatnonzero(levels >= (1 - EQUAL_BLADES) * levels.max()).tolist()
+            row["blades"] = largest_blades(levels)
         return rows
 
     @property
@@ -176,6 +184,39 @@ class Response(Result):
             *(told for i in members if (told := self.sweep(i).too_few_periods)),
             *(f"no branch: {reason}" for reason in reasons if reason),
             *(line for branch in branches for line in branch.unfinished),
+            *dict.fromkeys(line for member in members for line in passed_sides(self.sweep(member))),
+        ]
+
+    def largest(self, member: int = 0) -> LargestAmplitude | None:
+        """The largest amplitude of a member's sweeps and stable peaks, beside the peak without contact.
+
+        It is None where no lane has come to its end.
+        """
+        layout = layout_in(self.data)
+        found = largest_amplitude(self.sweep(member), self.of, layout.counting)
+        if found is None:
+            return None
+        found = found._replace(
+            free=float(self.free_amplitude[member]), free_place={self.along: float(self.free_value[member])}
+        )
+        stable = [peak for peak in self.peaks if peak["member"] == member and peak["stable"]]
+        top = max(stable, key=lambda peak: peak["amplitude"], default=None)
+        if top is None or top["amplitude"] <= found.value:
+            return found
+        blades = tuple(layout.names[i] for i in top.get("blades", [0]))
+        settled = {"value": top["amplitude"], "place": {self.along: top["value"]}, "blades": blades}
+        return found._replace(**settled, settling=SETTLED, direction="")
+
+    @property
+    def extremes(self) -> list[dict[str, Any]]:
+        """Of each member the largest amplitude and the smallest reduction of power, as `summary.json` holds them."""
+        members = range(self.data.sizes[MEMBER])
+        name = self.reduction or "P_d"
+        found = [(self.largest(i), smallest_reduction(self.sweep(i), name)) for i in members]
+        return [
+            ({} if largest is None else {largest.name: largest.numbers()})
+            | ({} if least is None else {f"smallest {name}": least})
+            for largest, least in found
         ]
 
     def summary(self) -> dict[str, JSONValue]:
@@ -185,7 +226,8 @@ class Response(Result):
             for v, a in zip(self.free_value, self.free_amplitude, strict=True)
         ]
         numbers = {"along": self.along, "over": self.over, "of": self.of, "peaks": self.peaks, "without contact": free}
-        return json_values({**numbers, "jumps": self.jumps, "status": self.ended, **self.source})
+        told = {"largest and smallest": self.extremes, "jumps": self.jumps, "status": self.ended}
+        return json_values({**numbers, **told, **self.source})
 
     @typed
     def plot(
@@ -227,9 +269,6 @@ MARCH_ATTRS = (
     "scene",
     "source",
 )
-
-
-EQUAL_BLADES = 1e-6  # relative distance of amplitudes of blades that count as one
 
 
 def _amplitudes_of_blades(rows: Sequence[tuple[int, "Peak"]], of: str, blades: int) -> tuple[Any, ...]:

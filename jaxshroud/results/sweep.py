@@ -20,9 +20,10 @@ from jaxshroud.results.amplitudes import (
     load_numbers,
 )
 from jaxshroud.results.base import Result
+from jaxshroud.results.extremes import largest_amplitude, passed_sides, place_numbers, smallest_reduction
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import SINGLE_DIRECTIONS, Direction, Layout
-from jaxshroud.scene.units import in_rpm
+from jaxshroud.scene.quantities import DISPLACEMENTS
 from jaxshroud.signals.effects import flat_text, told_difference, too_few_periods_text
 from jaxshroud.signals.orbit_distance import NEIGHBOURING_STEPS, SweptMotion, motions_differ, steep_steps
 from jaxshroud.signals.period import MIN_APERIODIC_PERIODS, UNKNOWN_IF_SETTLED
@@ -174,9 +175,7 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
             lane = np.unravel_index(np.nanargmax(P_d), P_d.shape)
             at = lane[len(lane) - len(self.axes) :]
             place = {key: float(v[i]) for (key, v), i in zip(self.axes.items(), at, strict=True)}
-            if (speed := place.pop("drive.speed", None)) is not None:
-                place["drive.speed [rpm]"] = in_rpm(speed)
-            best = {"P_d": float(P_d[lane]), "ci": float(self.P_d_ci[lane]), **place}
+            best = {"P_d": float(P_d[lane]), "ci": float(self.P_d_ci[lane]), **place_numbers(place)}
         return json_values(
             {
                 **_direction_numbers(self),
@@ -193,10 +192,23 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
                 **largest_of_lanes(ok, {"largest energy residual": residual, "largest energy dropped": dropped}),
                 **load_numbers(self, ok),
                 **amplitude_numbers(self, ok, self.period_number == 0, len(self.period)),
+                **self._extremes(),
                 "method": f"{self.method}, {self.steps_per_period} steps a period",
                 **self.source,
             }
         )
+
+    def _extremes(self) -> dict[str, object]:
+        """Of a sweep with amplitudes the largest ones with their places, and the smallest P_d."""
+        kept = [f"{name}_peak" for name in DISPLACEMENTS if getattr(self, f"{name}_peak") is not None]
+        largest = [one for of in kept if (one := largest_amplitude(self, of)) is not None]
+        least = smallest_reduction(self, "P_d") if kept else None
+        return {one.name: one.numbers() for one in largest} | ({} if least is None else {"smallest P_d": least})
+
+    @property
+    def messages(self) -> list[str]:
+        """What to do about lanes that are not OK, and which amplitudes are beyond the model."""
+        return [*super().messages, *passed_sides(self)]
 
     def __repr__(self) -> str:
         lanes = [f"{dim} ({self.data.sizes[dim]})" for dim in self.dims if "key" not in self.data[dim].attrs]

@@ -105,6 +105,7 @@ def check(
         settled=settled_motion(scene) if has_settled_motion(scene) else None,
         modes=modes,
         pressed=_floats(_displaced_by_interference(system, gaps, float(s.alpha))),
+        in_phase=float(free.in_phase) if scene.row is None else math.nan,
         **({} if scene.row is None else _at_interfaces(arrays, k, free.across / math.sin(s.alpha), free.along)),
         **({"flow_modes": _modes_in_flow(arrays, system)} if scene.aero.exists else {}),
         **_over_speed(scene, arrays, system, modes, engine_orders, (float(start), stop)),
@@ -175,6 +176,7 @@ class FreeMotion(NamedTuple):
     across: Any  # (interfaces,) amplitude of the faces' motion across each other, without rotation [m]
     along: Any  # (interfaces,) of that along each other
     mean: Amplitudes | None  # displacements under mean loads; None without these
+    in_phase: Any  # share of the mean square of x and y in which the first two blades move alike; NaN at rest
 
 
 @kept()
@@ -193,8 +195,8 @@ def _free_and_touching(
 def _motion_apart(scene: Scene) -> FreeMotion:
     free, sines = steady_amplitudes(scene), {n: one for n, one in scene.drive.harmonics().items() if n > 0}
     loads = {name: {n: lax.complex(*one.parts(name)[:2]) for n, one in sines.items()} for name in COORDINATES}
-    shifts = zip(waves_of(free, "x").items(), waves_of(free, "y").values(), strict=True)
-    faces = {n: _motion_of_faces(x, y, scene.shroud.alpha, scene.layout.interfaces) for (n, x), y in shifts}
+    shifts = {n: (x, y) for (n, x), y in zip(waves_of(free, "x").items(), waves_of(free, "y").values(), strict=True)}
+    faces = {n: _motion_of_faces(x, y, scene.shroud.alpha, scene.layout.interfaces) for n, (x, y) in shifts.items()}
     return FreeMotion(
         peaks={name: steady_peak(waves_of(free, name)) for name in COORDINATES},
         loads={name: steady_peak(load) for name, load in loads.items()},
@@ -202,6 +204,7 @@ def _motion_apart(scene: Scene) -> FreeMotion:
         across=steady_peak({n: across for n, (across, _) in faces.items()}),
         along=steady_peak({n: along for n, (_, along) in faces.items()}),
         mean=free.get(0),
+        in_phase=_share_in_phase([a[:2] for pair in shifts.values() for a in pair]),
     )
 
 
@@ -216,6 +219,12 @@ def _motion_of_faces(x: Any, y: Any, alpha: Scalar, interfaces: int) -> tuple[An
         return jnp.where(jnp.isnan(a), jnp.inf, a)  # infinity minus infinity
 
     return along(n), along(t)
+
+
+def _share_in_phase(waves: Sequence[Any]) -> Scalar:
+    """The share of the mean square of complex amplitudes (2,) in which both are one; NaN where all are 0 or inf."""
+    parts = jnp.stack([part for wave in waves for part in (wave.real, wave.imag)])
+    return jnp.sum(jnp.square(jnp.sum(parts, axis=-1))) / (2 * jnp.sum(jnp.square(parts)))
 
 
 def _closed_by_mean_loads(mean: Amplitudes | None, alpha: float, interfaces: int) -> np.ndarray:

@@ -18,6 +18,7 @@ OVERDAMPED = 1.0  # damping ratio
 MAX_AMPLITUDE_SIDES, MAX_RESONANT_SIDES = 0.1, 0.5
 MAX_SLIDE_FACES = 0.5  # slide of the free faces over their length: corners then pass the other face's ends
 MAX_PARALLEL = 0.1  # displacement of a corner by the free rotation, over the approach of the free faces
+MIN_IN_PHASE = 0.95  # share of the motion of free blades that both have: contact works on the rest alone
 MAX_PRESSED = 0.1  # displacement of a block by interference alone, over its free amplitude
 MAX_ANGLE = np.radians(10.0)  # of a free block; the springs of torsion are linear, and runs end at 45 degrees
 MIN_MARGIN = (
@@ -35,6 +36,7 @@ def doubts_of(sheet: DataSheet, scene: Scene) -> Iterator[str]:
     yield from _flow_doubts(sheet)
     yield from _resonance_doubts(sheet)
     if scene.parts.contact != "none":
+        yield from _phase_doubts(sheet)
         yield from _mean_load_doubts(sheet)
         yield from _interference_doubts(sheet)
         yield from _doubts_of_interfaces(sheet, float(scene.shroud.l_ab))
@@ -87,6 +89,15 @@ def _amplitude_doubts(sheet: DataSheet, side: float) -> Iterator[str]:
         at_resonance = f", {resonant * 1e3:.3g} mm at resonance" if resonant < np.inf else ""
         reach = f"{moved * 1e3:.3g} mm{at_resonance}, and its side is {side * 1e3:.3g} mm"
         yield f"{MOTION_NAMES[name]}: a free block moves by {reach}: check F_0 and the damping"
+
+
+def _phase_doubts(sheet: DataSheet) -> Iterator[str]:
+    """A pair whose blades move alike, which contact does not feel unless they turn."""
+    moved = max(max(sheet.coordinates[name].amplitude) for name in ("x", "y") if name in sheet.coordinates)
+    if sheet.in_phase >= MIN_IN_PHASE and max(sheet.corner) < MAX_PARALLEL * moved:
+        share = f"{100 * sheet.in_phase:.3g} % of the motion of the free blades is in phase"
+        meaning = "blades in phase do not feel each other, so that contact hardly acts, and a pair is no wheel"
+        yield f"{share}: {meaning}; give drive.phase, or a table [row] with an engine order"
 
 
 def _mean_load_doubts(sheet: DataSheet) -> Iterator[str]:

@@ -135,7 +135,7 @@ def lines_of(sheet: DataSheet) -> dict[str, str]:
         "gap": f"{_gap_text(sheet)} mm; the free blades approach by {approach}",
         **({"static gap": f"{_texts_of(sheet.static_gaps, 1e3)} mm under the mean loads"} if sheet.static_gaps else {}),
         **({"settled motion": sheet.settled.words} if sheet.settled else {}),
-        **({"pressed": _pressed_text(lines.pressed)} if (lines := sheet.over_speed) and lines.pressed else {}),
+        **({"pressed": told} if (told := _pressed_text(sheet)) else {}),
         "inertia": f"{_texts_of(sheet.inertia)} times that of a uniform block",
         "contact": f"gamma = k / k_x = {_texts_of(sheet.gammas) if sheet.gammas else f'{sheet.gamma:.4g}'}",
         "stiffest motion": f"{sheet.omega_max / math.tau:.5g} Hz; {sheet.steps} steps a period (auto, rk4)",
@@ -167,10 +167,17 @@ def _speed_text(sheet: DataSheet) -> str:
     return f"{sheet.speed * RPM:.5g} rpm at {at_order}; {span}, {growth}"
 
 
-def _pressed_text(pressed: tuple[tuple[float, float], ...]) -> str:
-    """The ranges of speeds in which the faces are pressed together at rest."""
-    ranges = " and ".join(f"{start * RPM:.5g} to {stop * RPM:.5g}" for start, stop in pressed)
-    return f"from {ranges} rpm: crossings in contact there, apart elsewhere"
+def _pressed_text(sheet: DataSheet) -> str:
+    """The ranges of speeds in which the faces are pressed together at rest, and where they open; empty for none."""
+    pressed = sheet.over_speed.pressed if sheet.over_speed else ()
+    if not pressed:
+        return ""
+    ranges = " and ".join(f"{begin * RPM:.5g} to {end * RPM:.5g}" for begin, end in pressed)
+    told, opens = f"from {ranges} rpm: crossings in contact there, apart elsewhere", pressed[-1][1]
+    if opens == sheet.stop:
+        return told
+    elsewhere = "the faces open, and the largest amplitude with contact may be at none of these crossings"
+    return f"{told}; above {opens * RPM:.5g} rpm {elsewhere}"
 
 
 def _table_row(sheet: DataSheet, name: str, coordinate: Coordinate, i: int) -> list[str]:

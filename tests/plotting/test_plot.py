@@ -442,3 +442,29 @@ def test_amplitudes_are_drawn_along_any_key(key, tmp_path):
     drawn = figure.axes[0].lines[0].get_ydata()
     assert drawn.shape == (2,)
     assert np.all(drawn > 0)
+
+
+@pytest.mark.parametrize(("times", "marked"), [(0.5, False), (1.5, False), (100.0, True), (np.inf, True)])
+def test_the_largest_amplitude_without_contact_has_an_arrow_and_a_number_where_it_is_out_of_view(times, marked):
+    values = np.linspace(1000.0, 1200.0, 5)
+    with_contact = np.array([1.0, 1.2, 1.5, 1.1, 1.0]) * 1e-3
+    free = times * np.array([0.9, 1.0, 1.5, 3.0, 1.0]) * 1e-3  # the largest at 1150 rad/s
+    blades = ("drive_omega", "blade")
+    data = {
+        "x_peak": (blades, np.stack([with_contact] * 2, axis=-1)),
+        "x_free": (blades, np.stack([free] * 2, axis=-1)),
+        **{f"{name}_peak": (blades, np.zeros((5, 2))) for name in ("y", "theta")},
+        "status": ("drive_omega", np.zeros(5, np.int8), STATUSES),
+    }
+    coords = {"drive_omega": ("drive_omega", values, {"key": "drive.omega", "units": "rad s-1"})}
+    ds = xr.Dataset(data, coords, {"axes": "drive_omega", "scene": js.load("table1").text(), "title": "a pair"})
+    (panel,) = picture("amplitude", ds).axes
+    arrows = [text for text in panel.texts if text.arrow_patch is not None]
+    words = [text.get_text() for text in panel.texts if text.get_text()]
+    assert len(arrows) == len(words) == marked
+    # Control: what is in view reaches the axis' top at most.
+    assert marked == (free.max() * 1e3 > panel.get_ylim()[1])
+    if marked:
+        assert words == ["300 mm\nat 1150 rad/s" if np.isfinite(times) else "without bound\nat 1000 rad/s"]
+        assert arrows[0].xy == (1150.0 if np.isfinite(times) else 1000.0, 1.0)
+        assert with_contact.max() * 1e3 < 0.9 * panel.get_ylim()[1]  # room for the number above what is drawn

@@ -72,6 +72,28 @@ def test_doubts(overrides, doubts):
         assert text.startswith(start) or start in text
 
 
+@pytest.mark.parametrize(
+    ("overrides", "share"),
+    [
+        (["drive.phase=[0, 0]"], 100.0),
+        (['drive.phase=["0 deg", "20 deg"]'], 100 * np.cos(np.radians(10)) ** 2),
+        (['drive.phase=["0 deg", "30 deg"]'], None),  # 93 %
+        ([], None),  # opposite phases
+        (["drive.phase=[0, 0]", "blades.I=2.46e-5", "drive.M_0=9"], None),  # torsion in phase turns corners together
+        (["drive.phase=[0, 0]", "blades.m=[0.08, 0.3]"], None),  # blades that differ part all the same
+        (["drive.phase=[0, 0]", 'parts.neighbour="rigid"'], None),
+    ],
+)
+def test_a_pair_in_phase_is_no_wheel(overrides, share):
+    sheet = js.check(js.load("table1", ["drive.M_0=0", *overrides]))
+    told = [line for line in sheet.doubts if "in phase" in line]
+    assert len(told) == (share is not None)
+    if share is not None:
+        assert 100 * sheet.in_phase == pytest.approx(share, rel=1e-9)
+        assert told[0].startswith(f"{share:.3g} % of the motion of the free blades is in phase")
+        assert "contact hardly acts, and a pair is no wheel" in told[0]
+
+
 def test_the_command_prints_the_sheet(capsys):
     assert cli.main(["check", "table1"]) == 0
     told = capsys.readouterr().out

@@ -59,6 +59,32 @@ def test_a_peak_is_that_of_a_fine_sweep(touching):
 
 
 @pytest.mark.full
+def test_the_largest_amplitude_is_that_of_a_stable_peak_between_the_values(touching):
+    _, found = touching
+    tallest, largest = max(found.peaks, key=lambda peak: peak["amplitude"]), found.largest()
+    assert tallest["stable"]
+    assert (largest.value, largest.place) == (tallest["amplitude"], {"drive.omega": tallest["value"]})
+    assert largest.blades == ("left",)
+    assert (largest.free, largest.free_place) == (found.free_amplitude[0], {"drive.omega": found.free_value[0]})
+    (told,) = found.summary()["largest and smallest"]
+    assert [*told] == ["largest amplitude of x", f"smallest {found.reduction}"]
+    # Control: of a peak that is not stable, where no motion stays, the largest lane counts.
+    unstable = js.results.response.Response(found.data.assign(peak_stable=0 * found.data["peak_stable"]))
+    assert unstable.largest().value == np.nanmax(found.sweep().x_peak[..., 0]) < largest.value
+
+
+@pytest.mark.full
+def test_a_peak_without_contact_that_is_out_of_view_is_told_in_the_picture(touching):
+    _, found = touching
+    words = [text.get_text() for text in found.plot().axes[0].texts]
+    assert words == []  # it is in view
+    beyond = {name: 50 * found.data[name] for name in ("x_free", "free_amplitude")}
+    amplitude = type(found)(found.data.assign(beyond)).plot().axes[0]
+    (told,) = [text.get_text() for text in amplitude.texts if text.get_text()]
+    assert told == f"{50e3 * found.free_amplitude[0]:.3g} mm\nat {found.free_value[0]:.4g} rad/s"
+
+
+@pytest.mark.full
 def test_a_response_is_stored_and_drawn_again(touching, tmp_path):
     _, found = touching
     found.save(tmp_path / "response.nc")

@@ -7,7 +7,8 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
-from jaxshroud.verbs.sheet_tables import shown_modes
+from jaxshroud.scene.units import RPM
+from jaxshroud.verbs.sheet_tables import lines_of, shown_modes
 
 RING = ["row.blades=4", "contact.gamma=2.5", 'parts.motion=["x", "y"]', "drive.engine_order=1"]
 
@@ -95,3 +96,18 @@ def test_the_sheet_of_many_blades_is_a_page(mistuned, tmp_path, capsys):
     else:
         assert {mode.blades for mode in shown} == {"each blade", "nodal diameter 3"}
         assert all(mode.driven < 1e-9 for mode in sheet.modes if mode not in shown)  # the order does no work on these
+
+
+def test_faces_that_open_with_speed_are_told_with_the_speed():
+    # The interfaces of a ring of alike blades are pressed while their gap is negative: it is -5 um + 25 um (n / 900)^2
+    # at n rpm, up to 900 / sqrt(5) rpm.
+    untwist = ["shroud.gap=-5um", "shroud.gap_at=20um", "shroud.gap_at_speed=900 rpm", 'parts.motion=["x"]']
+    ring, opens = js.load("row_ring12", [*RING, *untwist]), f"{900 / np.sqrt(5):.5g} rpm"
+    told = lines_of(js.check(ring))["pressed"]
+    assert told.startswith(
+        f"from 0 to {opens}: crossings in contact there, apart elsewhere; above {opens} the faces open"
+    )
+    assert "the largest amplitude with contact may be at none of these crossings" in told
+    # Control: of faces that are pressed up to the end of the range nothing more is said.
+    told = lines_of(js.check(ring, stop=400 / RPM))["pressed"]
+    assert told == "from 0 to 400 rpm: crossings in contact there, apart elsewhere"
