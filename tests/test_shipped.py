@@ -2,7 +2,7 @@
 
 import pytest
 
-from jaxshroud import Status, load, scenes_from, shipped, simulate
+from jaxshroud import Status, load, scenes_from, shipped, simulate, sweep
 from jaxshroud.march.method import FAST, RungeKutta
 from jaxshroud.march.stability import ACCURACY_LIMIT, largest_frequency
 from jaxshroud.scene.layout import PAIR
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.full
 OTHERS = [
     *(name for name in shipped() if name.endswith("_best")),
     *("table1_light", "griffin", "dry_friction_2dof", "engine_order", "row_ring12", "row_chain5"),
-    *("table1_points", "row_ring12_points", "row_ring6_flutter"),
+    *("table1_points", "row_ring12_points", "row_ring6_flutter", "row_disk60"),
 ]
 ROWS = [name for name in shipped() if load(name).layout != PAIR]  # run in verbs/test_row_verbs.py
 PRINTED = [name for name in shipped() if name not in OTHERS]
@@ -54,3 +54,13 @@ def test_shipped_accuracies_are_promised(name):
     choice = plan_march(resolved, resolved.lanes, FAST).choice
     assert choice.promised
     assert choice.accuracy == 1e-6
+
+
+def test_faces_of_the_disk_stick_and_slip_and_none_come_apart():
+    disk = load("row_disk60").scene
+    run = sweep(disk, n_periods=2, transient=8, forces=True, method=RungeKutta("dopri8", steps=150))
+    assert run.status == Status.OK
+    slips = run.slip[0] > 0
+    assert 0 < slips.sum() < disk.row.interfaces
+    assert run.time_apart == 0
+    assert 0.9 < run.time_stick < 1

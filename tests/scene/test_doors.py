@@ -15,7 +15,7 @@ from jaxshroud.scene.config import load, parse
 from jaxshroud.scene.designs import read_designs
 from jaxshroud.scene.drive_orders import check_continuous
 from jaxshroud.scene.grids import grid_of_scenes, scenes_at, stack_scenes
-from jaxshroud.scene.keys import ALL_KEYS, number_shape
+from jaxshroud.scene.keys import ALL_KEYS, Motion, number_shape
 from jaxshroud.scene.shipped import shipped
 from jaxshroud.scene.text import text_of
 from jaxshroud.scene.vary import fields_of, inputs_of, with_numbers
@@ -76,6 +76,7 @@ LISTED_LOADS = {
     f"drive.harmonic[{i}].{name}{at}" for i in (0, 1) for name in ("F", "beta", "M", "phase") for at in ("", "[0]")
 }
 PLACES = {"contact.point[0].place", "contact.point[1].place"}
+OF_MOTION = {f"initial.{name}{at}" for name in Motion._fields for at in ("", "[0]")}  # that a static start has not
 OTHER_FORM = {f"drive.harmonic[{i}].F_x_re{at}" for i in (0, 1) for at in ("", "[0]")}
 NEVER = PLACES | OTHER_FORM | {"contact.width", "contact.width[0]"}
 PAIR_OF_NUMBERS = NEVER | OF_ROWS | GROWTHS | SPEED | UNTWIST | INPUT_OF_ONE_BLADE | LISTED_LOADS
@@ -83,6 +84,7 @@ REFUSED = {  # what scenes have no number for
     "two orders": NEVER | OF_ROWS | GROWTHS | SPEED | UNTWIST | INPUT_OF_ONE_BLADE | SINGLE_LOADS,
     "orders 4 and 8": NEVER | OF_ROWS | UNTWIST | INPUT_OF_ONE_BLADE | SINGLE_LOADS,
     "wheel": NEVER | SINGLE_LOADS | {"contact.gamma[0]", "drive.phase", "drive.phase[0]"},
+    "row_disk60": NEVER | SINGLE_LOADS | UNTWIST | OF_MOTION | {"contact.gamma[0]", "drive.phase", "drive.phase[0]"},
     "ring at a speed": NEVER | UNTWIST | INPUT_OF_ONE_BLADE | SINGLE_LOADS | {"contact.k[0]"},
     "engine_order": NEVER | OF_ROWS | UNTWIST | LISTED_LOADS,
     **dict.fromkeys(
@@ -91,7 +93,7 @@ REFUSED = {  # what scenes have no number for
     ),
 }
 # of which --set says what else is to be set beside them
-NEED_MORE = AERO | UNTWIST | {"row.mistuning", "contact.width", "drive.speed", "drive.engine_order"}
+NEED_MORE = AERO | UNTWIST | OF_MOTION | {"row.mistuning", "contact.width", "drive.speed", "drive.engine_order"}
 
 
 @cache
