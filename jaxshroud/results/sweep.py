@@ -203,7 +203,8 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
         kept = [f"{name}_peak" for name in DISPLACEMENTS if getattr(self, f"{name}_peak") is not None]
         largest = [one for of in kept if (one := largest_amplitude(self, of)) is not None]
         least = smallest_reduction(self, "P_d") if kept else None
-        return {one.name: one.numbers() for one in largest} | ({} if least is None else {"smallest P_d": least})
+        numbers: dict[str, object] = {one.name: one.numbers() for one in largest}
+        return numbers | ({} if least is None else {"smallest P_d": least})
 
     @property
     def messages(self) -> list[str]:
