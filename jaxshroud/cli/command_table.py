@@ -1,6 +1,6 @@
 """All commands: what each says of itself, its options, and how its verb is called. Nothing here is slow to import."""
 
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 from jaxshroud.cli.option_table import (
     METHOD_FLAGS,
@@ -20,6 +20,7 @@ from jaxshroud.cli.option_table import (
     width,
 )
 from jaxshroud.march.method_names import LINEAR_STATES, RANKED_BY, RESPONSES
+from jaxshroud.scene.layout import Direction
 from jaxshroud.scene.quantities import REQUIRED_REDUCTIONS
 
 # Pictures of a run: pages of panels and single panels.
@@ -73,8 +74,8 @@ COMMANDS = {
             ),
             Option(
                 "--direction",
-                "lanes are independent, or each starts where its neighbour ended",
-                choices=("independent", "forward", "backward", "both"),
+                "lanes are independent, or start where their neighbour, or the nearest one done, ended",
+                choices=get_args(Direction),
             ),
             "--transient",
             "--linear",
@@ -212,7 +213,7 @@ COMMANDS = {
             "--most-force",
             Option("--scan", "designs that are evaluated first", count(1), metavar="N"),
             shared_option("--starts", help="best of these designs, from which paths begin", dest="n_starts"),
-            Option("--updates", "steps of each path", count(1), metavar="N"),
+            Option("--updates", "steps of each path; 0: no paths", count(0), metavar="N"),
             "--tolerance",
             "--spread",
             Option("--draws", "draws of the scatter in the search", count(1), 16, metavar="N"),
@@ -372,8 +373,8 @@ COMMANDS = {
             Option("--of", "amplitude that counts", choices=RESPONSES, default="x_peak", metavar="Q"),
             Option(
                 "--direction",
-                "values start from rest, or each where its neighbour ended",
-                choices=("independent", "forward", "backward", "both"),
+                "values start from rest, or where their neighbour, or the nearest one done, ended",
+                choices=get_args(Direction),
                 default="independent",
             ),
             Option("--linear", "state of contact in which all interfaces stay: in closed form", choices=LINEAR_STATES),

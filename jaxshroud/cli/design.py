@@ -3,6 +3,7 @@
 import argparse
 import shlex
 import sys
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -122,7 +123,7 @@ def _tuning_rows(tuned: Tuned) -> dict[str, Any]:
     goal = f"{tuned.goal} {tuned.quantity}{' over the draws' if tuned.scatters else ''}"
     return {
         **({} if tuned.feasible else {"infeasible": "the best design found does not keep the limits, or stops"}),
-        **{key: display_value(*parse_key(key)[0].parts, value) for key, value in tuned.design.items()},
+        **{key: _place_text(tuned, key, value) for key, value in tuned.design.items()},
         goal: _level_text(tuned, tuned.objective),
         **{f"  {name}": _level_text(tuned, check.objective[0]) for name, check in tuned.checks.items()},
         **({"at a bound": tuned.at_bounds} if tuned.at_bounds else {}),
@@ -133,6 +134,15 @@ def _tuning_rows(tuned: Tuned) -> dict[str, Any]:
         "verdict": "confirmed" if tuned.confirmed else "not confirmed: the simulations differ, or exceed a limit",
         "periods simulated": tuned.periods,
     }
+
+
+def _place_text(tuned: Tuned, key: str, value: float) -> str:
+    """A tuned number, and between which values the best one is."""
+    shown = partial(display_value, *parse_key(key)[0].parts)
+    ends = tuned.best_between.get(key)
+    return (
+        shown(value) if ends is None else f"{shown(value)}, the best is between {shown(ends[0])} and {shown(ends[1])}"
+    )
 
 
 def _level_text(tuned: Tuned, reduction: float) -> str:

@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -17,18 +17,32 @@ from jaxshroud.signals.effects import with_interval
 from jaxshroud.signals.period import NOT_SETTLED, UNKNOWN_IF_SETTLED
 
 if TYPE_CHECKING:
-    from jaxshroud.results.sweep import SweepResult
+    import xarray as xr
 
 EQUAL_BLADES = 1e-6  # relative distance of amplitudes of blades that count as one
 MOST_NAMED = 6  # blades
-DIGITS = 3
+SHOWN_DIGITS = 3
 TRANSIENTS = {NOT_SETTLED: ", transient not over", UNKNOWN_IF_SETTLED: ", transient perhaps not over"}
-DIRECTIONS = {"independent": "from rest", "forward": "swept forward", "backward": "swept backward"}
+STARTS = {"independent": "from rest", "forward": "swept forward", "backward": "swept backward"}
 SIDES = {"x": "shroud.l_oa", "y": "shroud.l_ab"}  # of a block
 Place = Mapping[str, float]  # of a lane in a sweep: key -> value [SI]
 
 
-class LargestAmplitude(NamedTuple):
+class Swept(Protocol):
+    """What is read of a sweep here, beside the amplitudes and reductions that are asked for by name."""
+
+    data: "xr.Dataset"
+    status: np.ndarray
+    settling: np.ndarray
+    coexisting: np.ndarray | None
+
+    @property
+    def axes(self) -> dict[str, np.ndarray]:
+        """Key -> values in SI units."""
+        ...
+
+
+class ExtremeAmplitude(NamedTuple):
     """The largest amplitude of the lanes of a sweep, beside the largest one without contact."""
 
     of: str  # such as x_peak
@@ -51,7 +65,7 @@ class LargestAmplitude(NamedTuple):
     @property
     def words(self) -> str:
         """The amplitudes with their places, in the units of pictures."""
-        who = ", ".join(filter(None, (blade_words(self.blades, self.layout), DIRECTIONS.get(self.direction))))
+        who = ", ".join(filter(None, (blade_words(self.blades, self.layout), STARTS.get(self.direction))))
         with_contact = f"{amplitude_words(self.of, self.value)}{place_words(self.place)} ({who})"
         without = f"{amplitude_words(self.of, self.free)}{place_words(self.free_place)}"
         return f"{with_contact}{TRANSIENTS.get(self.settling, '')}; without contact {without}"
@@ -69,7 +83,7 @@ class LargestAmplitude(NamedTuple):
         }
 
 
-def largest_amplitude(swept: "SweepResult", of: str, counting: slice = slice(None)) -> LargestAmplitude | None:
+def largest_amplitude(swept: Swept, of: str, counting: slice = slice(None)) -> ExtremeAmplitude | None:
     """The largest amplitude of the lanes of a sweep that have come to their end; None where there is none.
 
     Args:
@@ -84,7 +98,7 @@ def largest_amplitude(swept: "SweepResult", of: str, counting: slice = slice(Non
     lane = _lane_of(np.nanmax(np.nan_to_num(levels, nan=-np.inf), axis=-1))
     free_lane = _lane_of(np.nan_to_num(free, nan=-np.inf, posinf=np.inf).max(axis=-1))
     layout = layout_in(swept.data)
-    return LargestAmplitude(
+    return ExtremeAmplitude(
         of=of,
         value=float(np.nanmax(levels[lane])),
         place=_place(swept, lane),
@@ -102,7 +116,7 @@ def largest_blades(levels: np.ndarray) -> list[int]:
     return np.flatnonzero(levels >= (1 - EQUAL_BLADES) * levels.max()).tolist()
 
 
-def smallest_reduction(swept: "SweepResult", name: str) -> dict[str, Any] | None:
+def smallest_reduction(swept: Swept, name: str) -> dict[str, Any] | None:
     """The smallest reduction of power of the lanes that have come to their end, as `summary.json` holds it.
 
     It is None where there is none. That contact makes it worse is said where the vibration about the mean is larger
@@ -129,13 +143,13 @@ def smallest_reduction(swept: "SweepResult", name: str) -> dict[str, Any] | None
     }
 
 
-def _is_worse(swept: "SweepResult", lane: tuple[int, ...]) -> bool:
+def _is_worse(swept: Swept, lane: tuple[int, ...]) -> bool:
     """Whether a lane vibrates more than without contact, by more than its interval."""
     names = [name for name in ("P_d", "P_d_vibration") if getattr(swept, name) is not None]
     return all(getattr(swept, name)[lane] + getattr(swept, f"{name}_ci")[lane] < 0 for name in names)
 
 
-def passed_sides(swept: "SweepResult") -> Iterator[str]:
+def passed_sides(swept: Swept) -> Iterator[str]:
     """A line for each displacement whose amplitude passes the side of a block."""
     for name, key in SIDES.items():
         peaks, side = getattr(swept, f"{name}_peak"), _number_of_lanes(swept, key)
@@ -149,7 +163,7 @@ def passed_sides(swept: "SweepResult") -> Iterator[str]:
             yield f"the amplitude of {name} is {moved}, {beyond}: the model is of small displacements, see `check`"
 
 
-def _number_of_lanes(swept: "SweepResult", key: str) -> np.ndarray | None:
+def _number_of_lanes(swept: Swept, key: str) -> np.ndarray | None:
     """A number of the scene of each lane; None where it is not known."""
     status = swept.data["status"]
     for variable in swept.data.variables.values():
@@ -165,12 +179,12 @@ def _lane_of(levels: np.ndarray) -> tuple[int, ...]:
     return tuple(map(int, np.unravel_index(np.argmax(levels), levels.shape)))
 
 
-def _place(swept: "SweepResult", lane: tuple[int, ...]) -> Place:
+def _place(swept: Swept, lane: tuple[int, ...]) -> Place:
     at = lane[len(lane) - len(swept.axes) :]
     return {key: float(values[i]) for (key, values), i in zip(swept.axes.items(), at, strict=True)}
 
 
-def _direction(swept: "SweepResult", lane: tuple[int, ...]) -> str:
+def _direction(swept: Swept, lane: tuple[int, ...]) -> str:
     """The direction of a lane where its value has several motions; else empty."""
     if swept.coexisting is None or not swept.coexisting[lane[1:]]:
         return ""
@@ -198,7 +212,7 @@ def amplitude_words(of: str, value: float) -> str:
 
 def _shown(key: str, value: float) -> str:
     unit, per_si = parse_key(key)[0].shown
-    return f"{per_si * value:.{DIGITS}g} {unit}" if np.isfinite(value) else "without bound"
+    return f"{per_si * value:.{SHOWN_DIGITS}g} {unit}" if np.isfinite(value) else "without bound"
 
 
 def blade_words(names: tuple[str, ...], layout: Layout) -> str:

@@ -21,7 +21,7 @@ from jaxshroud.plotting.run_data import (
 from jaxshroud.results.base import Result, result_from_dataset
 from jaxshroud.results.branch import Branch
 from jaxshroud.results.extremes import (
-    LargestAmplitude,
+    ExtremeAmplitude,
     largest_amplitude,
     largest_blades,
     passed_sides,
@@ -187,7 +187,7 @@ class Response(Result):
             *dict.fromkeys(line for member in members for line in passed_sides(self.sweep(member))),
         ]
 
-    def largest(self, member: int = 0) -> LargestAmplitude | None:
+    def largest(self, member: int = 0) -> ExtremeAmplitude | None:
         """The largest amplitude of a member's sweeps and stable peaks, beside the peak without contact.
 
         It is None where no lane has come to its end.

@@ -22,7 +22,7 @@ from jaxshroud.results.amplitudes import (
 from jaxshroud.results.base import Result
 from jaxshroud.results.extremes import largest_amplitude, passed_sides, place_numbers, smallest_reduction
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import SINGLE_DIRECTIONS, Direction, Layout
+from jaxshroud.scene.layout import CONTINUED, SINGLE_DIRECTIONS, Direction, Layout
 from jaxshroud.scene.quantities import DISPLACEMENTS
 from jaxshroud.signals.effects import flat_text, told_difference, too_few_periods_text
 from jaxshroud.signals.orbit_distance import NEIGHBOURING_STEPS, SweptMotion, motions_differ, steep_steps
@@ -83,6 +83,7 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
     energy_residual = Variable("largest energy residual of a period over the drive's mean work", "1")
     energy_dropped = Variable(ENERGY_DROPPED, "1")
     counters = CountsVariable("events in the kept periods")
+    direction_of = Attribute(str, name="direction_of_sweep")  # where lanes start, see `sweep`
     phase = Attribute(name="drive_phase")  # of the samples [rad]
     period_tol = Attribute()  # of the period number
     jump = Variable(
@@ -179,6 +180,7 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
         return json_values(
             {
                 **_direction_numbers(self),
+                **({"direction": self.direction_of} if self.direction_of in ("nearest", *CONTINUED) else {}),
                 "lanes": int(ok.size),
                 "periods kept": len(self.period),
                 "status": {s.name: int((self.status == s).sum()) for s in Status if (self.status == s).any()},

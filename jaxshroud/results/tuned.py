@@ -87,6 +87,7 @@ class Tuned(Result):
     points = Variable("designs along each path, the starts first", None, (*PATHS, "key"))
     scores = Variable("objective less the penalties along each path", "percent", PATHS)
     exact = Variable("whether the slope was exact", None, PATHS, stored=np.int8, kind=bool)
+    place = Variable("the nearest values looked at that are worse, or bounds; of one number", None, ("key", "end"))
     polished = Variable("the best path's design after each round of samples around its end", None, ("round", "key"))
     polished_scores = Variable("objective less the penalties of these", "percent", ("round",))
     scanned = Variable("designs of the scan", None, ("scan", "key"))
@@ -199,6 +200,16 @@ class Tuned(Result):
         return {key: names[side] for key, side in zip(self.keys, self.bound.tolist(), strict=True) if side}
 
     @property
+    def best_between(self) -> dict[str, tuple[float, float]]:
+        """Between which values the best one of the tuned number lies, as far as intervals tell; of several: empty.
+
+        They are the nearest ones on either side that were looked at and are worse by more than both intervals, or
+        the bounds.
+        """
+        ends = [] if self.place is None else self.place.tolist()
+        return {key: (low, high) for key, (low, high) in zip(self.keys, ends, strict=False)}
+
+    @property
     def flat(self) -> str:
         """What to say where the scan's scores move less than their intervals; else, and in old files, empty."""
         return "" if self.scanned_ci is None else flat_text(self.scanned_scores, self.scanned_ci)
@@ -270,7 +281,7 @@ class Tuned(Result):
         Args:
             drawn: The map, as `objective_map` gives it.
         """
-        outcome = ("feasible", "design", "objective", "at_bounds", "confirmed", "periods", "best_P_d")
+        outcome = ("feasible", "design", "best_between", "objective", "at_bounds", "confirmed", "periods", "best_P_d")
         request = ("best_P_d_vibration", "over", "conditions", "goal", "most_penetration", "most_force")
         tuned = {} if self.quantity == "P_d" else {name: getattr(self, name) for name in ("of", "free", "level")}
         search = (*SEARCH, "exact", "scanned", "scanned_scores")

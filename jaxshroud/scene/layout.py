@@ -147,7 +147,9 @@ class Parts(NamedTuple):
 
 
 SINGLE_DIRECTIONS = ("independent", "forward", "backward")
-Direction = Literal["independent", "forward", "backward", "both"]  # "both": forward, backward and from rest
+CONTINUED = ("forward", "backward")  # each value starts where the one before it has ended
+# "nearest": in rounds, from the nearest value done; "both": forward, backward and from rest
+Direction = Literal["independent", "forward", "backward", "nearest", "both"]
 ACCURACIES = ("fast", "balanced", "reference")  # by name
 
 

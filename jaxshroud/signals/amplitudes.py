@@ -33,8 +33,9 @@ from jaxshroud.scene.quantities import (
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.vary import fields_of
 from jaxshroud.signals.averages import POWER_ROUNDINGS, averages, closed_forms, half_diagonal
-from jaxshroud.signals.statistics import confidence_interval
+from jaxshroud.signals.statistics import confidence_interval, t_quantile
 
+PEAK_STRETCHES = 6  # of the kept periods, whose largest distances are compared
 UNDRIVEN = 1e-9  # of the displacement of a block: an amplitude below it is the rounding of a load that is 0
 
 
@@ -213,7 +214,7 @@ class Levels(NamedTuple):
     """A quantity of many lanes."""
 
     value: np.ndarray  # (lanes,)
-    ci: np.ndarray  # (lanes,) half width of its 95 % interval; NaN for amplitudes
+    ci: np.ndarray  # (lanes,) half width of its 95 % interval; NaN for "P_d_worst" and means
     number: np.ndarray  # (lanes,) period number, 0: aperiodic
 
 
@@ -227,11 +228,39 @@ def levels_of(of: Quantity, scenes: Scene, samples: Sample) -> Levels:
     counts = scenes.layout.counting
     if of == "P":
         return Levels(power.P[:, counts].sum(axis=1), power.ci * P_0[:, counts].sum(axis=1) / 100, motion.number)
-    if of == "P_d_worst":
+    amplitude = amplitude_of(of)
+    if amplitude is None:
         value = power_reduction(power.P, P_0).min(axis=1)
-    else:
-        value = counted_amplitude(amplitude_values(scenes, samples, motion.number)[of], scenes.layout)
-    return Levels(value, np.full_like(value, np.nan), motion.number)
+        return Levels(value, np.full_like(value, np.nan), motion.number)
+    of_blades = amplitude_values(scenes, samples, motion.number)[of][:, counts]
+    value, blade = of_blades.max(axis=1), of_blades.argmax(axis=1)[:, None]
+    ci = np.full_like(of_blades, np.nan)
+    if amplitude.measure == "rms":
+        ci = amplitude_intervals(scenes, samples, motion.number)[f"{of}_ci"][:, counts]
+    elif amplitude.measure == "peak":
+        ci = _peak_half_width(amplitude.displacement, samples, motion.number)[:, counts]
+    return Levels(value, np.take_along_axis(ci, blade, axis=1)[:, 0], motion.number)
+
+
+def _peak_half_width(name: str, samples: Sample, number: np.ndarray) -> np.ndarray:
+    """The half width within which the largest distance over as many other periods would be found, (lanes, blades).
+
+    The largest of many values scatters as much as the largest of few of them: those of a few stretches of the kept
+    periods tell by how much. NaN below two orbits.
+    """
+    i = DISPLACEMENTS.index(name)
+    high, low = (np.moveaxis(np.asarray(part[i], float), 1, -1) for part in samples.extent)
+    swing = (high - low) / 2
+    n, half = swing.shape[-1], np.full(swing.shape[:-1], np.nan)
+    for q in np.unique(number):
+        stretches = min(PEAK_STRETCHES, n // max(int(q), 1))
+        if stretches < 2:
+            continue
+        lanes, length = np.flatnonzero(number == q), n // stretches // max(int(q), 1) * max(int(q), 1)
+        largest = swing[lanes][..., n - stretches * length :].reshape(len(lanes), -1, stretches, length).max(axis=-1)
+        spread = largest.std(axis=-1, ddof=1) * np.sqrt(1 + 1 / stretches)
+        half[lanes] = t_quantile(stretches - 1) * spread
+    return half
 
 
 def free_level(of: Quantity, scene: Scene) -> float:

@@ -54,6 +54,12 @@ class Problem(NamedTuple):
         """What a design gains [percentage points]: P_d itself, or how far another quantity is below its free level."""
         return level if is_reduction(self.of) else 100 * (1 - np.abs(level) / self.free)
 
+    def objective_ci(self, judgement: DesignJudgement) -> np.ndarray:
+        """Half widths of the intervals of objectives (n,): of the mean of independent runs, or of the least."""
+        if self.goal == "mean":
+            return np.sqrt(np.sum(judgement.ci**2, axis=1)) / judgement.ci.shape[1]
+        return np.take_along_axis(judgement.ci, np.argmin(judgement.P_d, axis=1)[:, None], axis=1)[:, 0]
+
     @property
     def keys(self) -> tuple[str, ...]:
         """The keys of the numbers that vary from run to run: tuned ones, conditions, and those that only scatter."""
@@ -233,10 +239,10 @@ def both_reductions(problem: Problem, design: np.ndarray) -> tuple[np.ndarray, n
     return P_d, alone
 
 
-def judge_designs(problem: Problem, designs: np.ndarray, tick: Tick) -> DesignJudgement:
-    """Simulate designs (n, keys) in every condition, at every draw."""
+def judge_designs(problem: Problem, designs: np.ndarray, tick: Tick, states: State | None = None) -> DesignJudgement:
+    """Simulate designs (n, keys) in every condition, at every draw, by default from the start of the problem."""
     scenes = in_precision(without_given(scenes_of(problem, designs)), problem.plan.method.precision)
-    runs = run_lanes(scenes, start_states(problem, scenes), problem.plan, tick)
+    runs = run_lanes(scenes, start_states(problem, scenes) if states is None else states, problem.plan, tick)
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # powers of an extreme design overflow
         level, ci, number = levels_of(problem.of, scenes, runs.samples)
         reduction = problem.reduction(level)

@@ -1,5 +1,6 @@
 """The search for the best design: paths from the best points of a scan, and independent checks of the winner."""
 
+from itertools import pairwise
 from typing import NamedTuple, cast
 
 import jax
@@ -33,6 +34,7 @@ MAX_GROWTH = 100.0  # of a relative change of a parameter in the state; beyond i
 DIFFERENCE_REACH = 0.03  # half width of the neighbourhood across which a slope is then taken
 POLISH_WIDTHS = (0.03, 0.02, 0.01, 0.005, 0.003, 0.002, 0.001)  # standard deviations of the samples of each round
 POLISH_SAMPLES = 8  # in each of these rounds, for each key
+REFINE_ROUNDS, BETWEEN = 6, 3  # of one number: rounds, and values tried between the best one and each neighbour
 
 
 class SearchOptions(NamedTuple):
@@ -40,19 +42,19 @@ class SearchOptions(NamedTuple):
 
     scan: int | None = None  # designs simulated first; by default 32 for each number
     n_starts: int | None = None  # the best of them, from which paths start; by default 3 for each number
-    updates: int | None = None  # steps of each path; by default 6 for each number
+    updates: int | None = None  # steps of each path; by default 6 for each number; 0: no paths
 
     def of_size(self, size: int) -> tuple[int, int, int]:
         """The three counts of a search with `size` tuned numbers.
 
         Raises:
-            InputError: One of them is less than 1.
+            InputError: One of them is less than 1, or the last less than 0.
         """
         usual = (32 * size, 3 * size, 6 * size)
         scan, n_starts, updates = (own if given is None else given for given, own in zip(self, usual, strict=True))
         counts = scan, n_starts, updates
         for name, count in zip(self._fields, counts, strict=True):
-            count_argument(name, count, 1)
+            count_argument(name, count, 0 if name == "updates" else 1)
         return counts
 
 
@@ -62,12 +64,16 @@ class Paths(NamedTuple):
     points: np.ndarray  # (updates + 1, starts, keys)
     scores: np.ndarray  # (updates + 1, starts)
     exact: np.ndarray  # (updates + 1, starts) whether the slopes were exact
+    end_ci: np.ndarray  # (starts,) half widths of the intervals of the last objectives
 
 
 def ascent_paths(problem: Problem, u: np.ndarray, judged: DesignJudgement, updates: int, tick: Tick) -> Paths:
     """Paths from all starts `u` (starts, keys) by Adam; steps without a gain are undone and shortened."""
     import optax
 
+    ci = problem.objective_ci(judged)
+    if not updates:
+        return Paths(u[None], judged.score[None], np.zeros((1, len(u)), bool), ci)
     adam = optax.adam(1.0)
     optimizer_state = adam.init(jnp.asarray(u))
     rate, score = np.full((len(u), 1), ADAM_STEP), judged.score
@@ -83,13 +89,70 @@ def ascent_paths(problem: Problem, u: np.ndarray, judged: DesignJudgement, updat
         if len(improved):
             u, score, slope, is_exact = u.copy(), score.copy(), slope.copy(), is_exact.copy()
             u[improved], score[improved] = trial_u[improved], judged.score[improved]
+            ci = np.where(judged.score >= score, problem.objective_ci(judged), ci)
             slope[improved], is_exact[improved] = _slope(
                 problem, u[improved], DesignJudgement(*(a[improved] for a in judged)), tick
             )
         points.append(u)
         scores.append(score)
         exact.append(is_exact)
-    return Paths(np.array(points), np.array(scores), np.array(exact))
+    return Paths(np.array(points), np.array(scores), np.array(exact), ci)
+
+
+class Looked(NamedTuple):
+    """Values of one number that were looked at, in the unit cube."""
+
+    u: np.ndarray  # (n,), in order
+    score: np.ndarray  # (n,)
+    ci: np.ndarray  # (n,) half widths of the intervals of the objective
+
+    def joined(self, u: np.ndarray, score: np.ndarray, ci: np.ndarray) -> "Looked":
+        """These and more values."""
+        every = np.concatenate([self.u, u])
+        u, first = np.unique(every, return_index=True)
+        return Looked(u, np.concatenate([self.score, score])[first], np.concatenate([self.ci, ci])[first])
+
+    @property
+    def best(self) -> int:
+        """Where the best of them is."""
+        return int(self.score.argmax())
+
+    @property
+    def worse(self) -> np.ndarray:
+        """Which of them are worse than the best by more than their intervals, (n,)."""
+        ci, best = np.nan_to_num(self.ci), self.best
+        with np.errstate(invalid="ignore"):  # of none that ran
+            return self.score[best] - self.score > np.hypot(ci, ci[best])
+
+    @property
+    def place(self) -> tuple[float, float]:
+        """The nearest values on either side of the best that are worse than it, or the ends of the cube."""
+        worse, at = self.u[self.worse], self.u[self.best]
+        return float(np.max(worse[worse < at], initial=0.0)), float(np.min(worse[worse > at], initial=1.0))
+
+
+class Refined(NamedTuple):
+    """The search of one number between the best value and its neighbours."""
+
+    points: np.ndarray  # (rounds, 1) the best after each round, in the unit cube
+    scores: np.ndarray  # (rounds,)
+    looked: Looked
+
+
+def refine_design(problem: Problem, looked: Looked, tick: Tick) -> Refined:
+    """Look between the best value of one number and its neighbours, until these cannot be told from it."""
+    points, scores = [[looked.u[looked.best]]], [looked.score[looked.best]]
+    for _ in range(REFINE_ROUNDS):
+        best = looked.best
+        beside = looked.u[max(best - 1, 0) : best + 2]
+        if not looked.worse[max(best - 1, 0) : best + 2].any():
+            break
+        u = np.concatenate([np.linspace(low, high, BETWEEN + 2)[1:-1] for low, high in pairwise(beside)])
+        judged = judge_designs(problem, problem.values(u[:, None]), tick)
+        looked = looked.joined(u, judged.score, problem.objective_ci(judged))
+        points.append([looked.u[looked.best]])
+        scores.append(looked.score[looked.best])
+    return Refined(np.array(points), np.array(scores), looked)
 
 
 def polish_design(
@@ -218,6 +281,7 @@ def _wide_slopes(problem: Problem, u: np.ndarray, tick: Tick) -> np.ndarray:
 
 LIMIT_MARGIN = 1e-3  # relative, by which a check may exceed a limit: about the error of the search's step
 SAME_START_CHECKS = ("half the step, reference method", "four times as long")  # from the scene's own initial state
+OTHER_STARTS = 3  # from which the winner is simulated again
 MAX_DIFFERENCE = 0.5  # percentage points by which checks may differ beyond their own intervals
 
 
@@ -231,17 +295,17 @@ def verify_design(problem: Problem, design: np.ndarray, seed: int) -> dict[str, 
     reference = plan.method.for_verification._replace(precision=problem.scene.drive.omega.dtype.name, ledger=False)
     finer = Plan(plan.transient, plan.kept, 2 * plan.steps_per_period, 0.0, reference)
     longer = Plan(4 * plan.transient, 4 * plan.kept, plan.steps_per_period, 0.0, plan.method)
-    checks = {
-        SAME_START_CHECKS[0]: judge_designs(problem._replace(plan=finer), design[None], quiet),
-        SAME_START_CHECKS[1]: judge_designs(problem._replace(plan=longer), design[None], quiet),
-    }
     random = np.random.default_rng(seed)
-    for i in range(3):
-        state = _perturbed_start(problem.scene, random)
-        checks[f"another start, {i + 1}"] = judge_designs(
-            problem._replace(plan=longer, state=state), design[None], quiet
-        )
-    return checks
+    starts = [None, *(_perturbed_start(problem.scene, random) for _ in range(OTHER_STARTS))]
+    scenes = in_precision(without_given(scenes_of(problem, design[None])), plan.method.precision)
+    states = [start_states(problem if one is None else problem._replace(state=one), scenes) for one in starts]
+    states = jax.tree.map(lambda *a: np.concatenate(a), *states)
+    long = judge_designs(problem._replace(plan=longer), np.tile(design, (len(starts), 1)), quiet, states)
+    names = (SAME_START_CHECKS[1], *(f"another start, {i + 1}" for i in range(OTHER_STARTS)))
+    return {
+        SAME_START_CHECKS[0]: judge_designs(problem._replace(plan=finer), design[None], quiet),
+        **{name: DesignJudgement(*(a[i : i + 1] for a in long)) for i, name in enumerate(names)},
+    }
 
 
 def _perturbed_start(scene: Scene, random: np.random.Generator) -> State:

@@ -1,6 +1,7 @@
 """Design: the numbers of a scene that reduce the vibration most, over a range of operating conditions.
 
 A coarse scan chooses starts; from each of them Adam ascends in variables scaled to the unit cube, see `ascent_paths`.
+One number is then looked for between the best value and its neighbours, as far as intervals tell values apart.
 """
 
 import json
@@ -36,14 +37,18 @@ from jaxshroud.verbs.design_problem import (
     scenes_of,
 )
 from jaxshroud.verbs.gradient_ascent import (
+    BETWEEN,
     LIMIT_MARGIN,
     POLISH_SAMPLES,
     POLISH_WIDTHS,
+    REFINE_ROUNDS,
     SAME_START_CHECKS,
+    Looked,
     SearchOptions,
     ascent_paths,
     checks_agree,
     polish_design,
+    refine_design,
     verify_design,
 )
 from jaxshroud.verbs.lanes import with_tangents
@@ -188,8 +193,8 @@ def _most_lanes(problem: Problem, counts: tuple[int, int, int]) -> int:
     """
     (scan, n_starts, updates), size = counts, len(problem.over)
     check_size(max(scan, n_starts * (1 + 3 * size)) * problem.runs, 4 * problem.plan.transient, 4 * problem.plan.kept)
-    ascents = min(n_starts, scan) * (updates + 1) * (1 + 3 * size)
-    rounds = len(POLISH_WIDTHS) * POLISH_SAMPLES * size
+    ascents = min(n_starts, scan) * (updates + 1) * (1 + 3 * size) if updates else 0
+    rounds = 2 * BETWEEN * REFINE_ROUNDS if size == 1 else len(POLISH_WIDTHS) * POLISH_SAMPLES * size
     return problem.runs * (scan + ascents + rounds + 1)
 
 
@@ -206,9 +211,15 @@ def _search(
     best_first = np.argsort(-scanned.score, kind="stable")[:n_starts]
     paths = ascent_paths(problem, cube[best_first], DesignJudgement(*(a[best_first] for a in scanned)), updates, ticker)
     best_path = int(np.argmax(paths.scores[-1]))
-    random = np.random.default_rng(seed)
     end, score = paths.points[-1, best_path], paths.scores[-1, best_path]
-    polished, polished_scores = polish_design(problem, end, score, random, ticker)
+    place = None
+    if size == 1:
+        looked = Looked(*np.zeros((3, 0))).joined(cube[:, 0], scanned.score, problem.objective_ci(scanned))
+        looked = looked.joined(end, score[None], paths.end_ci[best_path : best_path + 1])
+        polished, polished_scores, looked = refine_design(problem, looked, ticker)
+        place = problem.values(np.array(looked.place)[:, None]).T
+    else:
+        polished, polished_scores = polish_design(problem, end, score, np.random.default_rng(seed), ticker)
     u = polished[-1]
     design, periods = problem.values(u), ticker.done
     judgement = judge_designs(problem, design[None], ticker)
@@ -228,7 +239,8 @@ def _search(
         "polished_scores": polished_scores,
         "scanned": problem.values(cube),
         "scanned_scores": scanned.score,
-        "scanned_ci": _objective_ci(problem, scanned),
+        "scanned_ci": problem.objective_ci(scanned),
+        "place": place,
         "periods": periods,
         "confirmed": checks_agree(judgement, checks, problem.scale),
         "feasible": judgement.keeps()[0]
@@ -245,13 +257,6 @@ def _scanned_cube(size: int, scan: int, seed: int) -> np.ndarray:
     from scipy.stats import qmc
 
     return qmc.Sobol(size, rng=np.random.default_rng(seed)).random_base2(int(np.ceil(np.log2(scan))))[:scan]
-
-
-def _objective_ci(problem: Problem, judgement: DesignJudgement) -> np.ndarray:
-    """Half widths of the intervals of objectives (n,): of the mean of independent runs, or of the least."""
-    if problem.goal == "mean":
-        return np.sqrt(np.sum(judgement.ci**2, axis=1)) / judgement.ci.shape[1]
-    return np.take_along_axis(judgement.ci, np.argmin(judgement.P_d, axis=1)[:, None], axis=1)[:, 0]
 
 
 def _tuned_result(problem: Problem, values: dict[str, object], coords: dict[str, object]) -> Tuned:

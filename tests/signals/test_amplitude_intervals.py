@@ -1,10 +1,10 @@
 """Intervals of root mean squares about the mean, by the batches of P_d."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
+import jaxshroud as js
+from jaxshroud.batch.periods import Sample
 from jaxshroud.signals.amplitudes import amplitude_intervals
 from jaxshroud.signals.statistics import confidence_interval
 
@@ -15,10 +15,11 @@ LANES, RHO, MEAN, VARIANCE = 600, 0.5, 3.0, 2.0
 def intervals(mean, square, q=0):
     """The half widths (lanes, blades) of one displacement with means (lanes, periods, blades)."""
     lanes, period = len(mean), 2 * np.pi / OMEGA
-    scenes = SimpleNamespace(drive=SimpleNamespace(omega=np.full(lanes, OMEGA)))
+    scenes = js.scenes_from({"drive.omega": np.full(lanes, OMEGA)}, js.load("table1").scene)
+    samples = Sample(*[None] * len(Sample._fields))
     still = np.zeros_like(mean)
     moments = (mean * period, still, still), (square * period, still, still)
-    found = amplitude_intervals(scenes, SimpleNamespace(moments=moments), np.full(lanes, q))
+    found = amplitude_intervals(scenes, samples._replace(moments=moments), np.full(lanes, q))
     assert np.nanmax(found["y_rms_ci"], initial=0.0) == 0  # of what does not move
     return found["x_rms_ci"]
 

@@ -225,7 +225,7 @@ REFUSED = {  # what is wrong as a whole -> the file, and what the line must say
     "an appended column": (b"friction.mu,P_d [percent]\n0.3,1\n", "appends"),
     "a ranked table": (b"row,rank,friction.mu\n1,1,0.3\n", "appends"),
     "no right row": (b"friction.mu\nabc\n-1\n", "no row of the table is right"),
-    "all too stiff": (b"contact.k\n1e200\n", "no row of the table is right"),
+    "all too stiff": (b"contact.k\n1e30\n", "no row of the table is right"),
 }
 MARKED = {  # what is wrong in the first row; the second one is right
     "a text": ("abc,0.3", "not a number"),
@@ -281,7 +281,7 @@ def test_a_hostile_row_is_marked_and_the_next_one_is_not(name, tmp_path, scene):
     assert designs.scenes(scene).shroud.gap.tolist() == [2.2e-5]
 
 
-@pytest.mark.parametrize("cell", ["1e200", "1e30"])
+@pytest.mark.parametrize("cell", ["1e25", "1e30"])
 def test_a_row_too_stiff_to_be_followed_is_marked_and_does_not_slow_the_others(cell, scene):
     designs = checked_designs({"contact.k": [cell, "2e5"]}, scene)
     assert "too stiff" in designs.reasons[0]
