@@ -6,7 +6,6 @@ whole, and so are tangents along directions that do not repeat, by which stabili
 """
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -151,7 +150,7 @@ def continued_runs(
     direction: Direction,
     relay: SweepHandover | None = None,
 ) -> Runs:
-    """Run the lanes along the first axis one after the other or in rounds, each from the final state of a neighbour.
+    """Run the lanes along the first axis one after the other, each from the final state of the previous one.
 
     Args:
         scenes: The scenes, with leading axes of that `shape`.
@@ -159,84 +158,32 @@ def continued_runs(
         plan: How long to run.
         ticker: Called with the number of lane-periods done.
         states: The initial states; by default those of the scenes.
-        direction: "forward", from the first value to the last, "backward", or "nearest", see `rounds`.
-        relay: Where the previous values have ended; updated to where these end. Not of rounds.
+        direction: "forward", from the first value to the last, or "backward".
+        relay: Where the previous values have ended; updated to where these end.
 
     Raises:
         Interrupted: As in `run_lanes`.
     """
+    order = range(shape[0]) if direction == "forward" else range(shape[0] - 1, -1, -1)
 
     def concatenate(runs):
         return jax.tree.map(lambda *a: np.stack(a).reshape(*shape, *a[0].shape[1:]), *runs)
 
     runs: list[Runs | None] = [None] * shape[0]
-    relay, ends = relay or SweepHandover(), {}
-    for values, neighbours in rounds(direction, shape[0]):
-        here, begin = jax.tree.map(lambda a, v=values: a[v].reshape(-1, *a.shape[len(shape) :]), (scenes, states))
+    relay = relay or SweepHandover()
+    for i in order:
+        here, begin = jax.tree.map(lambda a, i=i: a[i].reshape(-1, *a.shape[len(shape) :]), (scenes, states))
         fresh = initial_states(here) if begin is None else begin
-        if neighbours:
-            relay.state, relay.arrived = _joined([ends[i] for i in neighbours])
         try:
-            run = run_lanes(here, fresh if relay.state is None else relay.state, plan, ticker, relay.arrived)
+            runs[i] = run = run_lanes(here, fresh if relay.state is None else relay.state, plan, ticker, relay.arrived)
         except Interrupted as stopped:
-            ended = [None] * len(values) if stopped.done is None else _separated(stopped.done, len(values))
-            for i, one in zip(values, ended, strict=True):
-                runs[i] = runs[i] or one
+            runs[i] = stopped.done
             raise Interrupted(completed_runs(runs, concatenate)) from None
-        for i, one in zip(values, _separated(run, len(values)), strict=True):
-            runs[i] = one
         arrived = run.last.status == Status.OK  # a lane that has stopped starts afresh
         relay.state, relay.arrived = select_lanes(arrived, final_states(run.last.state), fresh), arrived
-        ends |= zip(values, _separated((relay.state, relay.arrived), len(values)), strict=True)
         if relay.history is not None:
             relay.history.append(SweepHandover(relay.state, relay.arrived))
     return concatenate(runs)
-
-
-def _joined(parts: list[Tree]) -> Tree:
-    """The lanes (leading axis) of all parts."""
-    return jax.tree.map(lambda *a: np.concatenate(a), *parts)
-
-
-def _separated(lanes: Tree, count: int) -> list[Tree]:
-    """Lanes (leading axis) in so many parts of one size."""
-    return [jax.tree.map(lambda a, i=i: np.split(np.asarray(a), count)[i], lanes) for i in range(count)]
-
-
-FIRST_STRIDE = 8  # of the values from which rounds begin
-
-
-class Round(NamedTuple):
-    """Values of a sweep that run at once, by their places."""
-
-    values: list[int]
-    neighbours: list[int]  # from whose end each begins; empty: as the sweep begins
-
-
-def rounds(direction: Direction, count: int) -> list[Round]:
-    """The rounds of a sweep over so many values, each from the end of a neighbour.
-
-    "forward" and "backward" have rounds of one value. "nearest": every eighth value from the start of its scene and,
-    from where that ended, once more; then every fourth, every second and all others, each from the nearest one done.
-    """
-    if direction != "nearest":
-        order = list(range(count))[:: 1 if direction == "forward" else -1]
-        return [Round([order[0]], []), *(Round([i], [neighbour]) for neighbour, i in pairwise(order))]
-    first = list(range(0, count, FIRST_STRIDE))
-    found, stride = [Round(first, []), Round(first, first)], FIRST_STRIDE // 2
-    done = set(first)
-    while stride:
-        values = [i for i in range(0, count, stride) if i not in done]
-        if values:
-            found.append(Round(values, [min(done, key=lambda j, i=i: (abs(i - j), j)) for i in values]))
-        done |= {*values}
-        stride //= 2
-    return found
-
-
-def runs_of(direction: Direction, count: int) -> float:
-    """How often each of so many values is run in each direction, on average."""
-    return sum(len(one.values) for one in rounds(direction, count)) / count if direction == "nearest" else 1.0
 
 
 class Folded(NamedTuple):

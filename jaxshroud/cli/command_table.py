@@ -1,6 +1,6 @@
 """All commands: what each says of itself, its options, and how its verb is called. Nothing here is slow to import."""
 
-from typing import NamedTuple, get_args
+from typing import NamedTuple
 
 from jaxshroud.cli.option_table import (
     METHOD_FLAGS,
@@ -20,7 +20,6 @@ from jaxshroud.cli.option_table import (
     width,
 )
 from jaxshroud.march.method_names import LINEAR_STATES, RANKED_BY, RESPONSES
-from jaxshroud.scene.layout import Direction
 from jaxshroud.scene.quantities import REQUIRED_REDUCTIONS
 
 # Pictures of a run: pages of panels and single panels.
@@ -74,8 +73,8 @@ COMMANDS = {
             ),
             Option(
                 "--direction",
-                "lanes are independent, or start where their neighbour, or the nearest one done, ended",
-                choices=get_args(Direction),
+                "lanes are independent, or each starts where its neighbour ended",
+                choices=("independent", "forward", "backward", "both"),
             ),
             "--transient",
             "--linear",
@@ -373,8 +372,8 @@ COMMANDS = {
             Option("--of", "amplitude that counts", choices=RESPONSES, default="x_peak", metavar="Q"),
             Option(
                 "--direction",
-                "values start from rest, or where their neighbour, or the nearest one done, ended",
-                choices=get_args(Direction),
+                "values start from rest, or each where its neighbour ended",
+                choices=("independent", "forward", "backward", "both"),
                 default="independent",
             ),
             Option("--linear", "state of contact in which all interfaces stay: in closed form", choices=LINEAR_STATES),

@@ -9,7 +9,6 @@ import numpy as np
 
 import jaxshroud
 from jaxshroud.batch.plan import Plan, Progress
-from jaxshroud.batch.runs import runs_of
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, with_origin, write_files
@@ -22,7 +21,7 @@ from jaxshroud.results.mistuned import Mistuned
 from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.keys import find_key
-from jaxshroud.scene.layout import CONTINUED, SINGLE_DIRECTIONS
+from jaxshroud.scene.layout import SINGLE_DIRECTIONS
 from jaxshroud.scene.mistuning import NO_PATTERN
 from jaxshroud.scene.overrides import axis
 from jaxshroud.scene.scene import Scene, without_given
@@ -82,7 +81,7 @@ def _print_projection_of_march(call: VerbCall) -> None:
     if "store" not in chosen:
         return
     direction = chosen["direction"]
-    scenes = _lanes_of(call, "patterns" if direction in ("both", *CONTINUED) else "values")
+    scenes = _lanes_of(call, "values" if direction == "independent" else "patterns")
     resolved = resolve_options(call.file, method=chosen["method"], verb="mistune")
     march = plan_march(resolved, scenes, FOR_P_D)
     method = march.method._replace(amplitudes=True)
@@ -96,7 +95,7 @@ def _print_projection_of_march(call: VerbCall) -> None:
         plan,
         SINGLE_DIRECTIONS if direction == "both" else (direction,),
         lanes // len(values),
-        repeats=runs_of(direction, len(values)) + searched / lanes,
+        repeats=1 + searched / lanes,
         lanes_held=min(lanes, MAX_LANES_AT_ONCE),
         place=f" in {chosen['store']}",
     )

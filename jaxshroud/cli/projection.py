@@ -17,7 +17,7 @@ from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.threads import cores
 from jaxshroud.cli.progress import progress_bar
-from jaxshroud.scene.layout import CONTINUED, PAIR, Direction
+from jaxshroud.scene.layout import PAIR, Direction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.valid import in_precision
 
@@ -154,8 +154,7 @@ def print_projection_of_long_run(
         place: Where results are stored.
     """
     lanes, periods = len(scenes.drive.omega) * len(directions), plan.transient + plan.kept
-    in_turn = not {*CONTINUED}.isdisjoint(directions)
-    slowness = max(LANES_PER_LONE_LANE // lanes_per_value, 1) if in_turn else 1
+    slowness = 1 if directions == ("independent",) else max(LANES_PER_LONE_LANE // lanes_per_value, 1)
     if not _is_long(round(slowness * lanes * repeats), periods, plan.steps_per_period, scenes):
         return
     scenes = in_precision(scenes, plan.method.precision)
@@ -192,7 +191,7 @@ def _projected_times(
     """Processor time and wall time of a run [s], from short trials."""
 
     def at_once(way):
-        return lanes_per_value if way in CONTINUED else None
+        return None if way == "independent" else lanes_per_value
 
     seconds = {}
     for lanes in {at_once(way) for way in directions}:
@@ -201,7 +200,7 @@ def _projected_times(
     cpu = [seconds[at_once(way)] for way in directions]
 
     def together(way):
-        return lanes_per_value if way in CONTINUED else len(scenes.drive.omega)
+        return len(scenes.drive.omega) if way == "independent" else lanes_per_value
 
     width = lanes_per_call(scenes.layout)
     busy = [min(cores(), -(-together(way) // width)) for way in directions]

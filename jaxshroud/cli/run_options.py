@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from contextlib import contextmanager
 from typing import Unpack
 
-import numpy as np
-
 from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.cli.progress import progress_bar
 from jaxshroud.cli.terminal import CommandError, input_errors_at
@@ -23,10 +21,9 @@ from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.verbs.arguments import ResolvedOptions, check_verb, resolve_options
 from jaxshroud.verbs.asked import Asked, Choice, MarchPlan
 from jaxshroud.verbs.plan import Trials, choose_method, plan_march
-from jaxshroud.verbs.settled import default_state, in_state, settling_periods
+from jaxshroud.verbs.settled import default_state, in_state, settling_advice, settling_periods
 
 METHOD_OPTIONS = ("tableau", "order", "step_tolerance", "locate", "precision")
-MANY_PERIODS = 100  # in which free vibration dies out
 TRIAL_UNIT = "lane-periods of a trial of a method"  # of progress
 CHOSEN_BY_ACCURACY = ("steps_per_period", *METHOD_OPTIONS)
 
@@ -81,13 +78,9 @@ def resolve_march(
 def _print_settling(file: SceneFile, scenes: Scene) -> None:
     """Say how long light damping takes, where the transient is shorter."""
     needed = settling_periods(without_given(scenes))
-    if not needed > max(file.run.transient, MANY_PERIODS):  # nor NaN
-        return
-    dies = f"dies out to a thousandth in {needed:.0f} periods" if np.isfinite(needed) else "never dies out"
-    print(
-        f"{file.name}: what contact does not damp {dies}; {file.run.transient} are discarded",
-        file=sys.stderr,
-    )
+    advice = settling_advice(needed, scenes.parts.contact != "none")
+    if advice and needed > file.run.transient:
+        print(f"{file.name}: {file.run.transient} periods are discarded; {advice}", file=sys.stderr)
 
 
 def may_be_in_closed_form(scenes: Scene, asked: Asked, options: argparse.Namespace) -> bool:

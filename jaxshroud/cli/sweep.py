@@ -14,7 +14,6 @@ import numpy as np
 
 from jaxshroud.batch.limits import check_size, results_size
 from jaxshroud.batch.plan import Plan
-from jaxshroud.batch.runs import runs_of
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.cli.computation import DATASETS, PICTURES, STATISTICS, import_in_background, with_origin
 from jaxshroud.cli.drawing import draw
@@ -211,7 +210,7 @@ def _print_projection_of_long_run(request: SweepRequest, scenes: Scene, march: M
         plan,
         SINGLE_DIRECTIONS if request.file.direction == "both" else (request.file.direction,),
         request.row_lanes,
-        repeats=2.0 if request.options.confirm else runs_of(request.file.direction, len(request.file.axes[0].values)),
+        repeats=2.0 if request.options.confirm else 1.0,
         elsewhere=request.options.scheduler is not None,
         lanes_held=request.lanes_held,
         samples=not request.options.no_samples,

@@ -69,6 +69,7 @@ class Mistuned(Result):
     tuned_narrow = Attribute(int)  # whether that of the tuned row is
     unsettled = Attribute(int)  # lanes that are not known to be settled, those of the tuned row included
     unjudged = Attribute(int)  # of these, those that keep too few periods to judge an aperiodic motion
+    periods_to_keep = Attribute()  # until they can be judged
 
     @property
     def designs(self) -> tuple[str, ...]:
@@ -131,7 +132,7 @@ class Mistuned(Result):
             f"of {self.at_end} patterns the largest amplitude is at an end of the range: widen it": self.at_end,
             self._coarse_text(): self.coarse,
             f"{drifting} lanes are not known to be settled: take a longer transient": drifting,
-            too_few_periods_text(unjudged, "lanes"): unjudged,
+            too_few_periods_text(unjudged, "lanes", self.periods_to_keep): unjudged,
         }
         return [*super().messages, *(text for text, applies in said.items() if applies)]
 

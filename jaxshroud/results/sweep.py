@@ -22,11 +22,11 @@ from jaxshroud.results.amplitudes import (
 from jaxshroud.results.base import Result
 from jaxshroud.results.extremes import largest_amplitude, passed_sides, place_numbers, smallest_reduction
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import CONTINUED, SINGLE_DIRECTIONS, Direction, Layout
+from jaxshroud.scene.layout import SINGLE_DIRECTIONS, Direction, Layout
 from jaxshroud.scene.quantities import DISPLACEMENTS
 from jaxshroud.signals.effects import flat_text, told_difference, too_few_periods_text
 from jaxshroud.signals.orbit_distance import NEIGHBOURING_STEPS, SweptMotion, motions_differ, steep_steps
-from jaxshroud.signals.period import MIN_APERIODIC_PERIODS, UNKNOWN_IF_SETTLED
+from jaxshroud.signals.period import UNKNOWN_IF_SETTLED
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -72,6 +72,7 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
     settled = Variable("the transient is over, on evidence", stored=np.int8, kind=bool)
     settling = Variable("the transient is over", more=SETTLING_FLAGS)
     periods_more = Variable(MORE_PERIODS.format("it is over"), "1")
+    periods_to_keep = Variable("periods to keep until an aperiodic motion can be judged; 0: enough, NaN: unknown", "1")
     status = Variable("", stored=np.int8, kind=np.int32, more=FLAGS)
     v_max = Variable("largest penetration", "m")
     time_apart = Variable("fraction of the time of whole orbits: apart", "1")
@@ -83,7 +84,6 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
     energy_residual = Variable("largest energy residual of a period over the drive's mean work", "1")
     energy_dropped = Variable(ENERGY_DROPPED, "1")
     counters = CountsVariable("events in the kept periods")
-    direction_of = Attribute(str, name="direction_of_sweep")  # where lanes start, see `sweep`
     phase = Attribute(name="drive_phase")  # of the samples [rad]
     period_tol = Attribute()  # of the period number
     jump = Variable(
@@ -152,12 +152,13 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
     def unjudged(self) -> np.ndarray:
         """Which lanes keep too few periods to judge whether their motion, which is aperiodic, has settled."""
         aperiodic = (self.status == Status.OK) & (self.period_number == 0)
-        return aperiodic & (self.settling == UNKNOWN_IF_SETTLED) & (len(self.period) < MIN_APERIODIC_PERIODS)
+        return aperiodic & (self.settling == UNKNOWN_IF_SETTLED) & (self.periods_to_keep > 0)
 
     @property
     def too_few_periods(self) -> str:
         """What to say where too few periods are kept to judge whether aperiodic motions have settled; else empty."""
-        return too_few_periods_text(int(self.unjudged.sum()), f"of {np.sum(self.status == Status.OK)} runs")
+        unjudged, of_runs = self.unjudged, f"of {np.sum(self.status == Status.OK)} runs"
+        return too_few_periods_text(int(unjudged.sum()), of_runs, np.max(self.periods_to_keep[unjudged], initial=0.0))
 
     @property
     def static_deflection(self) -> str:
@@ -180,7 +181,6 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
         return json_values(
             {
                 **_direction_numbers(self),
-                **({"direction": self.direction_of} if self.direction_of in ("nearest", *CONTINUED) else {}),
                 "lanes": int(ok.size),
                 "periods kept": len(self.period),
                 "status": {s.name: int((self.status == s).sum()) for s in Status if (self.status == s).any()},

@@ -147,9 +147,7 @@ class Parts(NamedTuple):
 
 
 SINGLE_DIRECTIONS = ("independent", "forward", "backward")
-CONTINUED = ("forward", "backward")  # each value starts where the one before it has ended
-# "nearest": in rounds, from the nearest value done; "both": forward, backward and from rest
-Direction = Literal["independent", "forward", "backward", "nearest", "both"]
+Direction = Literal["independent", "forward", "backward", "both"]  # "both": forward, backward and from rest
 ACCURACIES = ("fast", "balanced", "reference")  # by name
 
 

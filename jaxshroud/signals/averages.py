@@ -217,16 +217,22 @@ def _reduction_of_period(
     used = power[:, power.shape[1] - n :]
     P = used.mean(axis=1)
     percent = power_series_of(used, P_0, layout)
-    settling_result, ci, times = (
-        series_settling(percent, number, NEGLIGIBLE_DRIFT),
-        confidence_interval(percent, q),
-        correlation_times(percent, q),
-    )
+    settling_result = series_settling(percent, number, NEGLIGIBLE_DRIFT)
     settled = settling_result.verdict == SETTLED
-    short = ~(times >= MIN_CORRELATION_TIMES) & ~(settled & (number > 0))
+    is_short = ~(correlation_times(percent, q) >= MIN_CORRELATION_TIMES)
     alone = np.full_like(percent, np.nan) if vibration is None else vibration.series(n, P_0, layout)
-    of_vibration = alone.mean(axis=1), confidence_interval(alone, q)
-    return Reduction(P, percent.mean(axis=1), ci, settled, np.full(len(P), n), *settling_result, short, *of_vibration)
+    return Reduction(
+        P=P,
+        P_d=percent.mean(axis=1),
+        ci=confidence_interval(percent, q),
+        settled=settled,
+        n=np.full(len(P), n),
+        settling=settling_result.verdict,
+        periods_more=settling_result.periods_more,
+        ci_short=is_short & ~(settled & (number > 0)),
+        P_d_vibration=alone.mean(axis=1),
+        vibration_ci=confidence_interval(alone, q),
+    )
 
 
 def contact_shares(times: ContactTimes) -> dict[str, np.ndarray]:

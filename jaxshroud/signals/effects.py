@@ -10,6 +10,7 @@ from jaxshroud.scene.keys import parse_key
 from jaxshroud.signals.period import MIN_APERIODIC_PERIODS
 
 TOLD_DIFFERENCE = 1.0  # percentage points: where P_d and P_d_vibration differ by more, both are told
+ROUND_PERIODS = 16  # multiples of which are advised
 NEGLIGIBLE_WIDTH = 1e-6  # over the number: a smaller half width is rounding
 EXACT_DIGITS = 6  # digits of an exact number
 FLAT_QUANTILES = (0.05, 0.95)  # between which P_d moves: single windows do not count
@@ -99,11 +100,15 @@ def flat_text(values: np.ndarray, half_widths: np.ndarray) -> str:
     return f"{moves}, less than the intervals of +- {width:.2g}: over this range it cannot be told from a constant"
 
 
-def too_few_periods_text(unjudged: int, lanes: str) -> str:
-    """What to say where so many `lanes` keep too few periods to judge an aperiodic motion; empty where none do."""
+def too_few_periods_text(unjudged: int, lanes: str, needed: float = MIN_APERIODIC_PERIODS) -> str:
+    """What to say where so many `lanes` keep too few periods to judge an aperiodic motion; empty where none do.
+
+    So many periods are `needed` at least.
+    """
     if not unjudged:
         return ""
-    advice = f"keep at least {MIN_APERIODIC_PERIODS} (--periods {MIN_APERIODIC_PERIODS})"
+    keep = math.ceil(needed / ROUND_PERIODS) * ROUND_PERIODS
+    advice = f"keep at least {keep} (--periods {keep})"
     return f"{unjudged} {lanes}: too few periods to judge an aperiodic motion; {advice}"
 
 

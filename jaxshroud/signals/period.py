@@ -33,6 +33,7 @@ class Settling(NamedTuple):
 
     verdict: NDArray[np.int8]  # 0: no, 1: yes, 2: unknown
     periods_more: FloatArray  # further transient until the kept periods are settled; 0 if they are, NaN if unknown
+    to_keep: FloatArray  # periods to keep until an aperiodic motion can be judged; 0: enough, NaN if unknown
 
 
 def settling(samples: FloatArray, near: FloatArray, q: int) -> Settling:
@@ -141,7 +142,7 @@ def _settling_from_decay(verdict, offset: FloatArray, rate: FloatArray, step: in
 
 def _settling_with_periods(verdict, more: FloatArray) -> Settling:
     periods = np.where((verdict == NOT_SETTLED) & np.isfinite(more), np.maximum(more, 1.0), np.nan)
-    return Settling(verdict.astype(np.int8), np.where(verdict == SETTLED, 0.0, periods))
+    return Settling(verdict.astype(np.int8), np.where(verdict == SETTLED, 0.0, periods), np.zeros(len(periods)))
 
 
 def _return_errors(scaled: FloatArray, q: int) -> FloatArray:
@@ -163,25 +164,26 @@ def _aperiodic_settling(samples: FloatArray, scaled: FloatArray) -> Settling:
         better = ratio < shrinks
         shrinks, early = np.where(better, ratio, shrinks), np.where(better, first, early)
     verdict = np.where(shrinks < 0.5, NOT_SETTLED, UNKNOWN_IF_SETTLED)
+    spans = np.full(len(samples), np.nan) if n < MIN_PERIODS else _correlation_times_of_stationary(samples)
     if n >= MIN_APERIODIC_PERIODS:
-        verdict = np.where((shrinks > STEADY_RATIO) & _is_stationary(samples), SETTLED, verdict)
+        verdict = np.where((shrinks > STEADY_RATIO) & (spans >= MIN_CORRELATION_TIMES), SETTLED, verdict)
     with np.errstate(divide="ignore", invalid="ignore"):
         more = np.ceil(half * np.log(TOLERANCE_MARGIN * early) / -np.log(shrinks))
-    return _settling_with_periods(verdict, more)
+        needed = np.fmax(np.ceil(n * MIN_CORRELATION_TIMES / spans), MIN_APERIODIC_PERIODS)
+    to_keep = np.where(verdict != UNKNOWN_IF_SETTLED, 0.0, np.where(needed > n, needed, np.nan))
+    return _settling_with_periods(verdict, more)._replace(to_keep=to_keep)
 
 
-def _is_stationary(samples: FloatArray) -> NDArray[np.bool_]:
-    stationary = np.asarray(np.isfinite(samples).all(axis=(1, 2)))
+def _correlation_times_of_stationary(samples: FloatArray) -> FloatArray:
+    """How many correlation times (lanes,) samples and their squares span; NaN where they drift or are regular."""
+    spans = np.where(np.isfinite(samples).all(axis=(1, 2)), np.inf, np.nan)
     squares = (samples - samples.mean(axis=1, keepdims=True)) ** 2
     for series in (*np.moveaxis(samples, -1, 0), *np.moveaxis(squares, -1, 0)):
-        lanes = np.flatnonzero(stationary & (series.std(axis=1) > 0))
+        lanes = np.flatnonzero(np.isfinite(series).all(axis=1) & (series.std(axis=1) > 0))
         varying = series[lanes]
-        stationary[lanes] = (
-            (_mean_shift(varying) <= MAX_MEAN_SHIFT)
-            & (correlation_times(varying) >= MIN_CORRELATION_TIMES)
-            & ~_is_predictable(varying)
-        )
-    return stationary
+        stationary = (_mean_shift(varying) <= MAX_MEAN_SHIFT) & ~_is_predictable(varying)
+        spans[lanes] = np.minimum(spans[lanes], np.where(stationary, correlation_times(varying), np.nan))
+    return spans
 
 
 def _is_predictable(series: FloatArray) -> NDArray[np.bool_]:
@@ -276,12 +278,16 @@ def _repetition_of(samples: FloatArray, near: FloatArray) -> Repetition:
         closed = (np.abs(z[:, q:] - z[:, :-q]) <= near_zero).all(axis=(1, 2))
         number[still_open[closed]] = q
         still_open = still_open[~closed]
-    verdict, more = np.full(len(flat), UNKNOWN_IF_SETTLED, np.int8), np.full(len(flat), np.nan)
+    verdict = np.full(len(flat), UNKNOWN_IF_SETTLED, np.int8)
+    more, to_keep = np.full((2, len(flat)), np.nan)
     for q in np.unique(number):
         lanes_with_q = np.flatnonzero((number == q) & np.isfinite(flat).all(axis=(1, 2)))
         if len(lanes_with_q):
-            verdict[lanes_with_q], more[lanes_with_q] = settling(flat[lanes_with_q], close[lanes_with_q, 0], int(q))
-    return Repetition(number.astype(np.int32).reshape(lanes), Settling(verdict.reshape(lanes), more.reshape(lanes)))
+            found = settling(flat[lanes_with_q], close[lanes_with_q, 0], int(q))
+            verdict[lanes_with_q], more[lanes_with_q] = found.verdict, found.periods_more
+            to_keep[lanes_with_q] = found.to_keep
+    settled = Settling(*(a.reshape(lanes) for a in (verdict, more, to_keep)))
+    return Repetition(number.astype(np.int32).reshape(lanes), settled)
 
 
 def _largest_period(n: int) -> int:

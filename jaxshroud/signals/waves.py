@@ -194,7 +194,7 @@ class RowResponses(NamedTuple):
     amplitude: FloatArray  # (n, directions, values, N); NaN where a lane stopped
     status: np.ndarray  # (n, directions, values)
     settled: np.ndarray  # (n, directions, values) whether the transient was over
-    unjudged: np.ndarray | None = None  # (n, directions, values) see `SweepResult.unjudged`; None: linear
+    to_keep: FloatArray | None = None  # (n, directions, values) periods, where those kept are too few; None: linear
     peak_value: FloatArray | None = None  # (n,) where, between the values, a linear row has its peak
     peak: FloatArray | None = None  # (n, N) the amplitudes there
 

@@ -5,9 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from jaxshroud.batch.xla import one_lane
 from jaxshroud.results.data_sheet import MOTION_NAMES, DataSheet, NaturalMode
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.sector import asks_for_sector, sector_blades
+from jaxshroud.verbs.settled import settling_advice, settling_periods
 
 MAX_CORNER_GAPS = 10.0  # displacement of a free block's corner by its moment alone, over the gap
 MAX_APPROACH_GAPS = 100.0  # of the free faces: the gap is then 1 % of the motion, and contact lasts as without one
@@ -64,6 +66,9 @@ def advice_on(sheet: DataSheet, scene: Scene) -> Iterator[str]:
         n, N = sector_blades(scene), scene.layout.blades
         unseen = f"motions in which blade i + {n} does not move as blade i are not seen, such as localised ones"
         yield f'row.sector = "auto" marches {n} of the {N} blades: {unseen}'
+    slow = settling_advice(settling_periods(one_lane(without_given(scene))), scene.parts.contact != "none")
+    if slow:
+        yield slow
 
 
 def _advice_on_points(sheet: DataSheet, scene: Scene) -> Iterator[str]:

@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxshroud.batch.plan import Progress
-from jaxshroud.batch.runs import runs_of
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.march.method_names import RESPONSES
 from jaxshroud.model.natural_modes import NaturalContact
@@ -81,8 +80,7 @@ def mistune(
             and "harmonic:3:0.02" (0.02 cos(2 pi 3 i / N) at blade i).
         of: The amplitude that counts: "x_peak", "x_rms", "y_peak" and so on.
         direction: "independent": every lane starts from `scene.initial`. "forward" or "backward": each value starts
-            from the final state of its neighbour, up or down the range. "nearest": each from that of the nearest value
-            done, in rounds. "both": independent, forward and backward. See `sweep`.
+            from the final state of its neighbour, up or down the range. "both": all three. See `sweep`.
         linear: One state of contact in which all interfaces stay: "apart", "sliding", "stuck" or "corner", see `check`.
             The row is linear then, its response to all harmonics of the drive is in closed form, and the peak between
             two values counts too. None: rows are marched with all their events; a row without contact is apart.
@@ -276,8 +274,7 @@ def _marched(
     march = plan_march(resolved, flatten_lanes(scenes, 2), FOR_P_D)
     run = {"n_periods": resolved.n_periods, "transient": resolved.transient, "method": march.again}
     periods = resolved.n_periods + resolved.transient
-    ways = len(SINGLE_DIRECTIONS) if direction == "both" else runs_of(direction, len(row.values))
-    main = round(periods * len(patterns) * len(row.values) * ways)
+    main = periods * len(patterns) * len(row.values) * (len(SINGLE_DIRECTIONS) if direction == "both" else 1)
     problem = partial(marched_problem, row, run, progress, main)
     search = 0.0 if size is None else problem(main).cost * size.most_patterns(problem(main).relative_cost)
     in_all = main + round(search)
@@ -334,7 +331,8 @@ def _monte_carlo(row: MistunedRow, drawn: _Drawn) -> dict[str, Any]:
         "design_narrow": of_designs(top.coarse),
         "tuned_narrow": int(top.coarse[0]),
         "unsettled": int(np.sum(~responses.settled.astype(bool))),
-        "unjudged": 0 if responses.unjudged is None else int(np.sum(responses.unjudged)),
+        "unjudged": int(np.count_nonzero(responses.to_keep)) if responses.to_keep is not None else 0,
+        "periods_to_keep": float(np.max(responses.to_keep)) if responses.to_keep is not None else 0.0,
     }
 
 

@@ -212,7 +212,7 @@ def swept_responses(
     )
     directed = (lambda a: np.moveaxis(a, 0, 1)) if direction == "both" else (lambda a: a[:, None])
     amplitude = np.asarray(getattr(swept, row.of), float)
-    numbers = amplitude, swept.status, swept.settled, swept.unjudged
+    numbers = amplitude, swept.status, swept.settled, np.where(swept.unjudged, swept.periods_to_keep, 0.0)
     responses = RowResponses(*(directed(np.asarray(a)) for a in numbers))
     return responses, swept.chatter
 

@@ -36,6 +36,8 @@ from jaxshroud.verbs.campbell_lines import pressed_speeds
 
 SPEED = ("drive", "speed")  # whose unit messages have
 DIED_OUT = 1e-3  # of a free vibration
+MANY_PERIODS = 100  # in which it dies out
+TOUCHING_PERIODS = 40  # after which averages of faces that touch in most periods stand
 
 
 def has_settled_motion(scene: Scene) -> bool:
@@ -110,6 +112,18 @@ def settling_periods(scenes: Scene) -> float:
         creeps = np.sqrt(np.maximum(damping**2 - square, 0.0))
         slowest = min(slowest, float(np.min((damping - creeps) / omega)))
     return float(-np.log(DIED_OUT) / (2 * np.pi * slowest)) if slowest > 0 else np.inf
+
+
+def settling_advice(periods: float, touches: bool) -> str:
+    """What to do about light damping, whose free vibration takes so many drive periods to die out; else empty.
+
+    What is said of faces that touch was measured by `tests/studies/wheel_periods.py`.
+    """
+    if not periods > MANY_PERIODS:  # nor NaN
+        return ""
+    dies = f"dies out to a thousandth in {periods:.0f} periods" if np.isfinite(periods) else "never dies out"
+    sooner = f"; where faces touch, averages stand after some {TOUCHING_PERIODS}: keep more rather than discard more"
+    return f"what contact does not damp {dies}{sooner if touches else ''}"
 
 
 def _rubs(scene: Scene) -> bool:

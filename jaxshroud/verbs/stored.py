@@ -24,7 +24,7 @@ from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.results.base import result_from_dataset
 from jaxshroud.results.sweep import DIRECTION, SweepResult, compare_directions, in_direction, sweep_coordinates
-from jaxshroud.scene.layout import CONTINUED, SINGLE_DIRECTIONS, Direction
+from jaxshroud.scene.layout import SINGLE_DIRECTIONS, Direction
 from jaxshroud.scene.text import words_of
 from jaxshroud.verbs.cluster import compute_on_workers, connected_client, machine_identity, worker_identity
 from jaxshroud.verbs.sweep_block import (
@@ -132,7 +132,7 @@ class StoredRun(NamedTuple):
 
     def is_whole(self, direction: Direction) -> bool:
         """Whether blocks are computed as a whole: workers cannot keep records of stretches."""
-        return self.on_workers or direction not in CONTINUED
+        return self.on_workers or direction == "independent"
 
 
 def store_sweep(sweep: SweepTask, path: Path, scheduler: str | None = None) -> SweepResult:
@@ -189,11 +189,7 @@ def block_sizes(sweep: SweepTask, *, on_workers: bool) -> tuple[int, ...]:
     if sweep.direction == "independent":
         return _block_sizes(shape, size)
     first = len(sweep.grid.resolved.shape)
-    others = (*shape[:first], *shape[first + 1 :])
-    if sweep.direction == "nearest":  # all its values are in one block
-        sizes = _block_sizes(others, max(size // shape[first], 1))
-        return (*sizes[:first], shape[first], *sizes[first:])
-    other_sizes = _block_sizes(others, size)
+    other_sizes = _block_sizes((*shape[:first], *shape[first + 1 :]), size)
     lanes_per_value = math.prod(other_sizes)
     periods = plan.transient + plan.kept
     steps_per_value = plan.steps_per_period * periods * max(lanes_per_value / LANES_PER_CALL, 1.0)
@@ -226,7 +222,7 @@ def _chains(run: StoredRun) -> Iterator[Chain]:
     along = len(grid.resolved.shape) if grid.axes else 0
     for direction in reversed(run.sweep.directions):
         for blocks in block_chains(grid.shape, run.sizes, along, backward=direction == "backward"):
-            for chain in [blocks] if direction in CONTINUED else [[block] for block in blocks]:
+            for chain in [[block] for block in blocks] if direction == "independent" else [blocks]:
                 yield _chain(run, direction, chain)
 
 

@@ -13,7 +13,7 @@ from jaxtyping import ArrayLike
 from jaxshroud.batch.held_contact import LinearState, is_linear
 from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Plan, Progress, Ticker
-from jaxshroud.batch.runs import SweepHandover, runs_of
+from jaxshroud.batch.runs import SweepHandover
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.io.lane_status import warn_failures
 from jaxshroud.march.method import FOR_P_D
@@ -78,11 +78,9 @@ def sweep(
         along: One or two keys as for `vary`, each with its values (n,) in SI units; two make a grid. None: those of the
             file, or the scenes as they are (one scene is a lane of its own).
         direction: "independent" (the default): every lane starts from `scene.initial`. "forward" or "backward": along
-            the first key each value starts from the final state of its neighbour, including slider and mode. "nearest":
-            in rounds: every eighth value from `scene.initial` and, from where that ended, once more, then the values
-            between them from the nearest one done, so that most begin near the motion that they settle on. "both":
-            forward, backward and independent, in a leading dimension `direction`; over one key the result shows where
-            the motion jumps (`jump`; every large step is halved up to five times for this, in stores and of interrupted
+            the first key each value starts from the final state of its neighbour, including slider and mode. "both":
+            these two and "independent", in a leading dimension `direction`; over one key the result shows where the
+            motion jumps (`jump`; every large step is halved up to five times for this, in stores and of interrupted
             runs it is told as `steep`) and where the directions reach different motions (`coexisting`).
         phase: Drive phase omega t at which samples are taken, 0 <= phase < 2 pi [rad].
         period_tol: Tolerance of the period number, see `periodicity`.
@@ -179,9 +177,8 @@ def sweep(
     states = None if state is None else resolved.states(state, grid.lanes)
     plan = Plan(resolved.transient, resolved.n_periods, march.steps, phase, march.method)
     periods = lane_periods(plan, lyapunov) + confirm * lane_periods(plan, lyapunov=False)
-    repeats = runs_of(direction, len(next(iter(grid.axes.values()), "1")))
-    ticker = Ticker(round(lanes * repeats * periods), progress)
-    settings = SweepSettings(plan, march, period_tol, ticker, direction, keep_samples, confirm=confirm)
+    ticker = Ticker(lanes * periods, progress)
+    settings = SweepSettings(plan, march, period_tol, ticker, keep_samples, confirm=confirm)
     if path is None and scheduler is not None:
         raise InputError("Argument `scheduler` needs a `store`, which keeps what workers have computed.")
     run_direction = run_sweep if keep_samples else run_map

@@ -72,7 +72,6 @@ class SweepSettings(NamedTuple):
     march: MarchPlan
     period_tol: float
     ticker: Ticker
-    direction: Direction  # "both": in all of them
     keep_samples: bool = True
     is_part: bool = False  # the lanes are one block of a larger sweep
     confirm: bool = False  # run again, with a finer march
@@ -135,7 +134,7 @@ def run_map(grid: Grid, states: State | None, direction: Direction, settings: Sw
         Interrupted: Ctrl-C.
     """
     if direction != "independent":
-        raise InputError(f"A sweep with `direction` = {direction!r} keeps its samples; leave out `keep_samples`.")
+        raise InputError("Sweeps forward and backward keep their samples; leave out `keep_samples`.")
     parts, chatter, count = [], None, math.prod(grid.shape)
     # A last part of a single lane would be run by another program.
     size = MAX_LANES_AT_ONCE if count % MAX_LANES_AT_ONCE != 1 else MAX_LANES_AT_ONCE + LANES_PER_CALL
@@ -186,7 +185,6 @@ def _sweep_result(grid: Grid, numbers: dict[str, object], chatter: str | None, s
     """The result from the numbers of all lanes (leading axis)."""
     plan, march = settings.plan, settings.march
     common = {"phase": plan.phase, "period_tol": settings.period_tol, "chatter": chatter, **march.attributes}
-    common |= {"direction_of": settings.direction}
     if march.tried is not None:
         ends, progress = partial(end_states, vibration=True), settings.ticker.report
         numbers = numbers | {"inaccurate": missed_lanes(grid.lanes, march.tried, ends, progress)}
@@ -262,6 +260,7 @@ def _lane_numbers(scenes: Scene, runs: Runs, settings: SweepSettings) -> dict[st
         "settled": settling.verdict == SETTLED,
         "settling": settling.verdict,
         "periods_more": settling.periods_more,
+        "periods_to_keep": settling.to_keep,
         "status": runs.last.status,
         "v_max": runs.log.v_max.max(axis=-1),
         **contact_shares(times),

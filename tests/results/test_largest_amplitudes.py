@@ -26,7 +26,7 @@ def swept(peaks, free, *, P_d=(50.0, 50.0, 50.0), ci=0.0, scene=RING, key="drive
         "settling": np.ones(len(values), int),
         "settled": np.ones(len(values), bool),
         "period_number": np.ones(len(values), int),
-        **{name: np.zeros(len(values)) for name in ("periods_more", "P_d_settled", "P_d_ci_short")},
+        **{name: np.zeros(len(values)) for name in ("periods_more", "periods_to_keep", "P_d_settled", "P_d_ci_short")},
         "x_peak": np.array(peaks),
         "x_free": np.array(free),
         **more,

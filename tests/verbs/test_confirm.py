@@ -49,9 +49,7 @@ def test_another_motion_is_marked_where_p_d_had_settled(swept, name, moved, mark
     runs = iter([data, data.assign({name: data[name] + moved})])
     settings = js.verbs.sweep_run.SweepSettings
     monkeypatch.setattr(confirm, "_finer_settings", lambda how: how)
-    result = confirmed_run(
-        lambda _: js.SweepResult(next(runs)), settings(None, None, 1e-3, None, "independent", confirm=True)
-    )
+    result = confirmed_run(lambda _: js.SweepResult(next(runs)), settings(None, None, 1e-3, None, confirm=True))
     assert result.unconfirmed.tolist() == [marked, False, marked and name != "P_d"]
 
 
@@ -64,7 +62,7 @@ def test_an_interruption_of_the_second_run_keeps_the_first(swept):
     plan = js.batch.plan.Plan(2, 4, 100, 0.0, js.march.method.Choices())
     march = js.verbs.asked.MarchPlan(100, plan.method)
     with pytest.raises(Interrupted) as stopped:
-        confirmed_run(run, js.verbs.sweep_run.SweepSettings(plan, march, 1e-3, None, "independent", confirm=True))
+        confirmed_run(run, js.verbs.sweep_run.SweepSettings(plan, march, 1e-3, None, confirm=True))
     assert stopped.value.done.unconfirmed is None
 
 
@@ -73,9 +71,7 @@ def test_what_confirms_a_sweep_is_finer_as_what_tries_a_method(setting):
     # One rule: half the step, a tenth of the tolerance, and a quarter of the share within which faces become flat.
     plan = js.batch.plan.Plan(2, 4, 100, 0.0, setting.method)
     march = js.verbs.asked.MarchPlan(100, plan.method)
-    finer = confirm._finer_settings(
-        js.verbs.sweep_run.SweepSettings(plan, march, 1e-3, None, "independent", confirm=True)
-    ).plan
+    finer = confirm._finer_settings(js.verbs.sweep_run.SweepSettings(plan, march, 1e-3, None, confirm=True)).plan
     assert finer.steps_per_period == 200
     assert finer.method == setting.finer(1).method
     assert finer.method.flat_return == setting.flat_return / 4

@@ -298,7 +298,8 @@ def test_a_pattern_with_a_lane_that_stopped_is_left_out(monkeypatch):
         amplitude[3, 0, 1], status[3, 0, 1] = np.nan, Status.TOO_MANY_EVENTS
         unjudged = np.arange(status.size).reshape(status.shape) < 5  # aperiodic lanes
         settled = found.settled.astype(bool) & ~unjudged
-        return found._replace(amplitude=amplitude, status=status, settled=settled, unjudged=unjudged), chatter
+        to_keep = np.where(unjudged, 90.0, 0.0)
+        return found._replace(amplitude=amplitude, status=status, settled=settled, to_keep=to_keep), chatter
 
     swept_responses = verb.swept_responses
     monkeypatch.setattr(verb, "swept_responses", stopping)
@@ -308,7 +309,7 @@ def test_a_pattern_with_a_lane_that_stopped_is_left_out(monkeypatch):
     assert found.quantile[0, 0, 1] == pytest.approx(np.nanmedian(found.amplification))
     assert any("left out" in line for line in found.messages)
     assert found.unjudged == 5
-    advice = "5 lanes: too few periods to judge an aperiodic motion; keep at least 64 (--periods 64)"
+    advice = "5 lanes: too few periods to judge an aperiodic motion; keep at least 96 (--periods 96)"
     assert advice in found.messages
     drifting = f"{found.unsettled - 5} lanes are not known to be settled: take a longer transient"
     assert (drifting in found.messages) is (found.unsettled > 5)
