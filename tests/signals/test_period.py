@@ -247,3 +247,33 @@ def test_yes_is_never_wrong_without_contact():
 def test_few_periods_are_no_evidence(n):
     found = periodicity(np.full(n, 0.3))
     assert (int(found.number), bool(found.settled)) == (int(n > 1), False)
+
+
+def wandering(n, rho=0.7, lanes=200):
+    """AR(1) series (lanes, n, 1), of (1 + rho) / (1 - rho) samples to a correlation time."""
+    noise = np.random.default_rng(5).normal(size=(n, lanes))
+    for i in range(1, n):
+        noise[i] = rho * noise[i - 1] + np.sqrt(1 - rho**2) * noise[i]
+    return noise.T[..., None]
+
+
+def test_how_many_periods_an_aperiodic_motion_must_keep_is_told():
+    near, needed = np.full((200, 1), 1e-6), 30 * 1.7 / 0.3  # samples for 30 correlation times
+    short, long = settling(wandering(96), near, 0), settling(wandering(600), near, 0)
+    asked = short.to_keep[np.isfinite(short.to_keep) & (short.to_keep > 0)]
+    assert len(asked) > 100
+    assert 0.5 < np.median(asked) / needed < 1.5
+    assert np.all(asked > 96)
+    assert np.mean(long.verdict == SETTLED) > 0.7
+    assert np.all(long.to_keep[long.verdict == SETTLED] == 0)
+    few = settling(wandering(32), near, 0)
+    assert np.all(few.to_keep[few.verdict == UNKNOWN_IF_SETTLED] >= 64)
+    # A torus is regular however long it is: more periods do not help.
+    turns = np.sqrt(2) * np.arange(96) + np.arange(200)[:, None]
+    torus = settling(np.sin(turns)[..., None], near, 0)
+    assert np.all(torus.verdict != SETTLED)
+    assert np.all(np.isnan(torus.to_keep))
+
+
+def test_an_orbit_is_not_told_to_keep_more():
+    assert settling(orbit(3)[None, :, None], np.full((1, 1), 1e-6), 3).to_keep.tolist() == [0.0]

@@ -170,3 +170,18 @@ def test_differences_of_a_closed_form():
     nearby = differences(found.orbit, list(found.value), 1e-3, "x_peak")
     for key, slope in found.value.items():
         assert nearby[key] == pytest.approx(slope, rel=1e-6)
+
+
+def test_light_damping_is_told_with_what_to_do_where_faces_touch(tmp_path, capsys):
+    light = ["blades.c_x=0.3", 'parts.motion=["x"]']
+    told = js.check(js.load("table1", light)).advice[-1]
+    assert "dies out to a thousandth in" in told
+    assert "averages stand after some 40: keep more" in told
+    alone = js.check(js.load("table1", [*light, "parts.contact=none"])).advice[-1]
+    assert alone == told.partition(";")[0]
+    assert not any("dies out" in line for line in js.check(js.load("table1", light[1:])).advice)
+    assert "never dies out" in js.check(js.load("table1", ["blades.c_x=0"])).advice[-1]
+    words = [word for one in light for word in ("--set", one)]
+    run = ["--periods", "1", "--transient", "1", "--steps-per-period", "100", "--out", str(tmp_path / "out")]
+    assert main(["power", "table1", *words, *run]) == 0
+    assert f"1 periods are discarded; {told}" in " ".join(capsys.readouterr().err.split())
