@@ -10,6 +10,7 @@ from datetime import timedelta
 from jaxshroud.activity import Piece, innermost_piece, is_compiling, seconds_compiling
 
 LINE_INTERVAL = 8.0  # seconds from line to line: nobody is to wait for ten
+FIRST_LINE = 4.0  # until the first of them [s]
 BAR_WIDTH = 20
 KNOWN_SHARE = 0.1  # of a run, after which it is told when it ends
 TimeSource = Callable[[], float]  # [s]
@@ -122,7 +123,7 @@ def reported(report: ProgressReport) -> Iterator[None]:
 
 @contextmanager
 def lines_written(pause: Callable[[float], bool] | None = None) -> Iterator[None]:
-    """Within, a thread writes what the innermost report says on standard error, every `LINE_INTERVAL` seconds.
+    """Within, a thread writes what the innermost report says on standard error, every few seconds.
 
     Args:
         pause: Waits for so many seconds; true where there are to be no more lines.
@@ -138,7 +139,9 @@ def lines_written(pause: Callable[[float], bool] | None = None) -> Iterator[None
 
 
 def _write_lines(pause: Callable[[float], bool]) -> None:
-    while not pause(LINE_INTERVAL):
+    interval = FIRST_LINE
+    while not pause(interval):
+        interval = LINE_INTERVAL
         line = str(_open_reports[-1]) if _open_reports else ""
         with suppress(OSError, ValueError):  # standard error is closed
             if line:

@@ -280,30 +280,35 @@ def _wide_slopes(problem: Problem, u: np.ndarray, tick: Tick) -> np.ndarray:
 
 
 LIMIT_MARGIN = 1e-3  # relative, by which a check may exceed a limit: about the error of the search's step
+TIMES_LONGER, OTHER_STARTS = 4, 3  # of the checks: how long they are, and from how many random starts
 SAME_START_CHECKS = ("half the step, reference method", "four times as long")  # from the scene's own initial state
-OTHER_STARTS = 3  # from which the winner is simulated again
 MAX_DIFFERENCE = 0.5  # percentage points by which checks may differ beyond their own intervals
 
 
-def verify_design(problem: Problem, design: np.ndarray, seed: int) -> dict[str, DesignJudgement]:
+def runs_of_checks(problem: Problem) -> int:
+    """How many runs of the length of the search's own `verify_design` takes."""
+    return problem.runs * (1 + TIMES_LONGER * (1 + OTHER_STARTS))
+
+
+def verify_design(problem: Problem, design: np.ndarray, seed: int, tick: Tick) -> dict[str, DesignJudgement]:
     """The design simulated again: with half the step and the reference method, four times as long, from other states.
 
     The reference method is bisection in float64, with the search's own tableau: no check is coarser than the search.
     Power series have a hundredth of the tolerance instead. Rocking faces become flat within a quarter of the share.
     """
-    plan, quiet = problem.plan, lambda _: None
+    plan = problem.plan
     reference = plan.method.for_verification._replace(precision=problem.scene.drive.omega.dtype.name, ledger=False)
     finer = Plan(plan.transient, plan.kept, 2 * plan.steps_per_period, 0.0, reference)
-    longer = Plan(4 * plan.transient, 4 * plan.kept, plan.steps_per_period, 0.0, plan.method)
+    longer = Plan(TIMES_LONGER * plan.transient, TIMES_LONGER * plan.kept, plan.steps_per_period, 0.0, plan.method)
     random = np.random.default_rng(seed)
     starts = [None, *(_perturbed_start(problem.scene, random) for _ in range(OTHER_STARTS))]
     scenes = in_precision(without_given(scenes_of(problem, design[None])), plan.method.precision)
     states = [start_states(problem if one is None else problem._replace(state=one), scenes) for one in starts]
     states = jax.tree.map(lambda *a: np.concatenate(a), *states)
-    long = judge_designs(problem._replace(plan=longer), np.tile(design, (len(starts), 1)), quiet, states)
+    long = judge_designs(problem._replace(plan=longer), np.tile(design, (len(starts), 1)), tick, states)
     names = (SAME_START_CHECKS[1], *(f"another start, {i + 1}" for i in range(OTHER_STARTS)))
     return {
-        SAME_START_CHECKS[0]: judge_designs(problem._replace(plan=finer), design[None], quiet),
+        SAME_START_CHECKS[0]: judge_designs(problem._replace(plan=finer), design[None], tick),
         **{name: DesignJudgement(*(a[i : i + 1] for a in long)) for i, name in enumerate(names)},
     }
 

@@ -281,7 +281,7 @@ def _report_data(
     choices = march.method._replace(within=design.parts.contact == "spring")
     problem = problem._replace(plan=Plan(resolved.transient, resolved.n_periods, march.steps, 0.0, choices))
     judged = judge_designs(problem, SCENE_ITSELF, lambda _: None)
-    checks = done(verify_design(problem, SCENE_ITSELF[0], seed))
+    checks = done(verify_design(problem, SCENE_ITSELF[0], seed, lambda _: None))
     in_conditions = [jax.tree.map(lambda a, i=i: a[i], scenes) for i in range(len(rows))]
     at = worst_of(judged)
     worst = in_conditions[at]

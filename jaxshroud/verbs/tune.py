@@ -49,6 +49,7 @@ from jaxshroud.verbs.gradient_ascent import (
     checks_agree,
     polish_design,
     refine_design,
+    runs_of_checks,
     verify_design,
 )
 from jaxshroud.verbs.lanes import with_tangents
@@ -195,7 +196,7 @@ def _most_lanes(problem: Problem, counts: tuple[int, int, int]) -> int:
     check_size(max(scan, n_starts * (1 + 3 * size)) * problem.runs, 4 * problem.plan.transient, 4 * problem.plan.kept)
     ascents = min(n_starts, scan) * (updates + 1) * (1 + 3 * size) if updates else 0
     rounds = 2 * BETWEEN * REFINE_ROUNDS if size == 1 else len(POLISH_WIDTHS) * POLISH_SAMPLES * size
-    return problem.runs * (scan + ascents + rounds + 1)
+    return problem.runs * (scan + ascents + rounds + 1) + runs_of_checks(problem)
 
 
 def _search(
@@ -223,7 +224,7 @@ def _search(
     u = polished[-1]
     design, periods = problem.values(u), ticker.done
     judgement = judge_designs(problem, design[None], ticker)
-    checks = verify_design(problem, design, seed)
+    checks = verify_design(problem, design, seed, ticker)
     P_d, P_d_vibration = both_reductions(problem, design)
     values = {
         "best": design,

@@ -177,7 +177,7 @@ def test_no_check_is_coarser_than_the_search(scene, name, monkeypatch):
     plans, nothing = [], DesignJudgement(*[np.zeros(1)] * 7)
     monkeypatch.setattr(ascent, "judge_designs", lambda problem, *_: plans.append(problem.plan) or nothing)
     search = Plan(8, 4, 40, 0.0, FAST._replace(tableau=tableau(name), precision="float32"))
-    ascent.verify_design(problem_of(scene, {})._replace(plan=search), np.array([5e-5, 1.0]), 0)
+    ascent.verify_design(problem_of(scene, {})._replace(plan=search), np.array([5e-5, 1.0]), 0, quiet)
     assert plans[0].steps_per_period == 80
     assert plans[0].method.precision == "float64"
     assert plans[0].method.flat_return == search.method.flat_return / 4
