@@ -300,17 +300,17 @@ def verify_design(problem: Problem, design: np.ndarray, seed: int, tick: Tick) -
     reference = plan.method.for_verification._replace(precision=problem.scene.drive.omega.dtype.name, ledger=False)
     finer = Plan(plan.transient, plan.kept, 2 * plan.steps_per_period, 0.0, reference)
     longer = Plan(TIMES_LONGER * plan.transient, TIMES_LONGER * plan.kept, plan.steps_per_period, 0.0, plan.method)
-    random = np.random.default_rng(seed)
-    starts = [None, *(_perturbed_start(problem.scene, random) for _ in range(OTHER_STARTS))]
-    scenes = in_precision(without_given(scenes_of(problem, design[None])), plan.method.precision)
-    states = [start_states(problem if one is None else problem._replace(state=one), scenes) for one in starts]
-    states = jax.tree.map(lambda *a: np.concatenate(a), *states)
-    long = judge_designs(problem._replace(plan=longer), np.tile(design, (len(starts), 1)), tick, states)
-    names = (SAME_START_CHECKS[1], *(f"another start, {i + 1}" for i in range(OTHER_STARTS)))
-    return {
+    checks = {
         SAME_START_CHECKS[0]: judge_designs(problem._replace(plan=finer), design[None], tick),
-        **{name: DesignJudgement(*(a[i : i + 1] for a in long)) for i, name in enumerate(names)},
+        SAME_START_CHECKS[1]: judge_designs(problem._replace(plan=longer), design[None], tick),
     }
+    random = np.random.default_rng(seed)
+    scenes = in_precision(without_given(scenes_of(problem, design[None])), plan.method.precision)
+    perturbed = [problem._replace(state=_perturbed_start(problem.scene, random)) for _ in range(OTHER_STARTS)]
+    states = jax.tree.map(lambda *a: np.concatenate(a), *(start_states(one, scenes) for one in perturbed))
+    judged = judge_designs(problem._replace(plan=longer), np.tile(design, (OTHER_STARTS, 1)), tick, states)
+    one_by_one = (DesignJudgement(*(a[i : i + 1] for a in judged)) for i in range(OTHER_STARTS))
+    return checks | {f"another start, {i}": one for i, one in enumerate(one_by_one, 1)}
 
 
 def _perturbed_start(scene: Scene, random: np.random.Generator) -> State:
