@@ -19,7 +19,7 @@ from jaxshroud.scene.valid import in_precision
 
 # Every method that claims to be of its tableau's order, and steps per period from which on it is.
 EXACT = {f"{name}-{how}": Choices(tableau(name), how) for name in TABLEAUS for how in ("bisection", "cubic")}
-STEPS = {"rk4": 1000, "tsit5": 300, "dop853": 75, "dopri8": 75}
+STEPS = {"rk4": 1000, "tsit5": 300, "dopri8": 75}
 
 
 def run(scenes: list[Scene], periods: int, steps: int, method: Choices = REFERENCE) -> Runs:

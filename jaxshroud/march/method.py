@@ -175,7 +175,7 @@ class RungeKutta(eqx.Module):
     """A march in steps of equal length by a Runge-Kutta method, with events located inside the steps.
 
     Args:
-        tableau: "rk4" (the reference), "tsit5", "dop853" or "dopri8"; or a `Tableau`.
+        tableau: "rk4" (the reference), "tsit5" or "dopri8"; or a `Tableau`.
         steps: Steps in one drive period; "auto": as many as the stiffest lane needs. By default those of the scene
             file, else "auto".
         locate: "cubic" (few trials), "bisection" (the reference), or "none": events where steps end.

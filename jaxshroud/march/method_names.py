@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-TABLEAUS = {"rk4": 4, "tsit5": 5, "dop853": 8, "dopri8": 8}  # Runge-Kutta method -> order
+TABLEAUS = {"rk4": 4, "tsit5": 5, "dopri8": 8}  # Runge-Kutta method -> order
 METHODS = (*TABLEAUS, "taylor")
 # "bisection": halve the bracket; "cubic": take the root of the guard's cubic; "none": change the mode at the end of the
 # step (first order, for comparison only); "series": take the root of the guard's power series

@@ -32,7 +32,7 @@ from jaxshroud.scene.typed import typed
 ACCURACY_LIMIT = 0.5  # omega h at which RK4 errs by about 1e-4 of the state in a few periods
 # omega_max h of "auto": where contact is no stiffer than the blades, and where it is stiffest. Every impact multiplies
 # errors, and stiffer contact has more impacts; h therefore shrinks faster than 1 / omega_max in between.
-AUTO_STEP_ANGLES = {"rk4": (0.2, 0.02), "tsit5": (0.4, 0.08), "dop853": (0.8, 0.4), "dopri8": (0.8, 0.4)}
+AUTO_STEP_ANGLES = {"rk4": (0.2, 0.02), "tsit5": (0.4, 0.08), "dopri8": (0.8, 0.4)}
 MIN_AUTO_STEPS = 64  # steps per period
 # rate of the internal state of a user law times the step of "auto"; it is reached for moments only
 AUTO_RELAXATION_STEPS = 4.0

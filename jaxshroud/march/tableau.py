@@ -107,8 +107,7 @@ def tableau(name: str) -> Tableau:
     """The Runge-Kutta method of that name.
 
     Args:
-        name: "rk4", the reference; "tsit5" (6 stages) and "dopri8" (13 stages) as in diffrax; "dop853" (12 stages) as
-            in SciPy.
+        name: "rk4", the reference; "tsit5" (6 stages) and "dopri8" (13 stages) as in diffrax.
 
     Raises:
         ValueError: There is no such method.
@@ -116,10 +115,6 @@ def tableau(name: str) -> Tableau:
     word_argument("tableau", name, TABLEAUS)
     if name == "rk4":
         return RK4
-    if name == "dop853":
-        from scipy.integrate import DOP853
-
-        return _without_unused_stages(name, list(DOP853.A), DOP853.B, DOP853.C)
     import diffrax
 
     source = {"tsit5": diffrax.Tsit5, "dopri8": diffrax.Dopri8}[name].tableau

@@ -23,7 +23,7 @@ from jaxshroud.scene.vary import value_of
 
 LIGHT = ("blades.I=2.46e-5 kg m^2", "contact.gamma=2.6", "drive.M_0=0.3")
 CHAIN = ("row.blades=3", "row.closed=false", "drive.engine_order=1", "blades.I=2.46e-5 kg m^2", "drive.M_0=0.3")
-METHOD = js.RungeKutta("dop853", steps=400)
+METHOD = js.RungeKutta("dopri8", steps=400)
 PERIODS = 2
 
 
