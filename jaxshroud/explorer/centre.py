@@ -48,7 +48,9 @@ class Centre:
     """The centre of the page."""
 
     def __init__(self, exploration: Exploration, recolouring: Recolouring, owner: Owner):
-        self.owner, self.silent, self.pending = owner, False, None
+        self.owner = owner
+        self.silent = False
+        self.pending = None
         numbers = {n.key.name: n for n in number_fields(exploration.file) if n.value is not None}
         self.whole = {name: Window(name, *number.ends) for name, number in numbers.items()}
         usual = [*(a.key for a in exploration.file.axes), USUAL_KEY, *numbers]
@@ -108,7 +110,9 @@ class Centre:
 
     def _take_view(self) -> None:
         of_map = self.shows_map
-        self.diagram.layout.visible, self.map.layout.visible, self.way.visible = not of_map, of_map, not of_map
+        self.diagram.layout.visible = not of_map
+        self.map.layout.visible = of_map
+        self.way.visible = not of_map
         self.note.visible = not of_map
         if of_map:
             self.map.show_windows(*self.windows)
@@ -125,7 +129,8 @@ class Centre:
         self._take_window(self.whole[self.window.key])
 
     def _show_window(self, window: Window) -> None:
-        self.silent, self.window = True, window
+        self.silent = True
+        self.window = window
         self.diagram.show_window(window)
         for end, value in zip(self.ends, (window.start, window.stop), strict=True):
             end.value = shown_text(parse_key(window.key)[0], value)
@@ -194,7 +199,8 @@ class Centre:
 
     def _step(self, by: int) -> None:
         """Choose the value beside the one whose motion is shown."""
-        values, location = np.asarray(self.diagram.lanes.data["value"]), self.diagram.cursors[0].location
+        values = np.asarray(self.diagram.lanes.data["value"])
+        location = self.diagram.cursors[0].location
         if not values.size:
             return
         now = values.size // 2 if location is None else int(np.argmin(np.abs(values * self.diagram.factor - location)))

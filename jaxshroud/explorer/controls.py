@@ -26,7 +26,9 @@ class FieldWidgets:
     """The field of a number, with its slider and its message."""
 
     def __init__(self, number: NumberField, change: Change):
-        self.number, self.change, self.silent = number, change, False
+        self.number = number
+        self.change = change
+        self.silent = False
         style = wide()
         self.text = TextInput(title=number.label, value=number.text, name=f"field {number.key.name}", **style)
         self.message = Div(text="", visible=False, name=f"message {number.key.name}", **style)
@@ -57,11 +59,13 @@ class FieldWidgets:
 
     def show(self, number: NumberField) -> None:
         """Show another value."""
-        self.silent, self.number = True, number
+        self.silent = True
+        self.number = number
         try:
             self.text.value = number.text
             if self.slider is not None and number.value is not None:
-                low, high = min(self.slider.start, number.value), max(self.slider.end, number.value)
+                low = min(self.slider.start, number.value)
+                high = max(self.slider.end, number.value)
                 self.slider.update(start=low, end=high, value=number.value)
             self.say("")
         finally:
@@ -88,11 +92,13 @@ class Controls:
             change: Called with a key and the text of its value.
             accuracy: The accuracy from the start.
         """
-        self.change, style = change, wide()
+        self.change = change
+        style = wide()
         numbers = number_fields(exploration.file)
         self.fields = {number.key.name: FieldWidgets(number, change) for number in numbers}
         layouts = [widgets.layout for widgets in self.fields.values()]
-        self.silent, in_row = False, exploration.file.layout != PAIR
+        self.silent = False
+        in_row = exploration.file.layout != PAIR
         keys = [key for key in CHOICES if not in_row or key in CHOICES_OF_ROWS]
         self.choices = {
             key: Select(title=key, options=list(CHOICES[key]), name=f"choice {key}", width_policy="max", **style)

@@ -66,11 +66,13 @@ class Engines:
     """Engines for tabs that come: one is started early, as it takes some seconds."""
 
     def __init__(self, command: Sequence[str]):
-        self.command, self.spare = command, Engine(command)
+        self.command = command
+        self.spare = Engine(command)
 
     def take(self) -> Engine:
         """An engine that nobody has."""
-        engine, self.spare = self.spare, None
+        engine = self.spare
+        self.spare = None
         return engine or Engine(self.command)
 
     def close(self) -> None:
@@ -85,7 +87,8 @@ def serve(done: Callable[[], None]) -> None:
     Args:
         done: Called after each job.
     """
-    answers, wishes = os.fdopen(os.dup(1), "wb"), sys.stdin.buffer
+    answers = os.fdopen(os.dup(1), "wb")
+    wishes = sys.stdin.buffer
     os.dup2(2, 1)  # what is printed is no answer
     Service(answers, done).serve(wishes)
     os._exit(0)  # at once: what a thread compiles cannot be interrupted
@@ -103,7 +106,9 @@ class Service:
         """
         from jaxshroud.explorer.jobs import Methods, Worker
 
-        self.answers, self.done, self.lock = answers, done, threading.Lock()
+        self.answers = answers
+        self.done = done
+        self.lock = threading.Lock()
         self.methods = Methods(lambda *chosen: self._answer(Message("chosen", content=chosen)))
         self.workers = {name: Worker(partial(self._failed, name)) for name in WORKERS}
         self.numbers = dict.fromkeys(WORKERS, 0)

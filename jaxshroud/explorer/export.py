@@ -30,7 +30,8 @@ class Export:
     """The buttons that copy and save, below the motion."""
 
     def __init__(self, page: Any):
-        self.page, style = page, styled()
+        self.page = page
+        style = styled()
         self.download = download_source()
         self.toml, self.command = (PreText(text="", name=name, **style) for name in ("toml", "command"))
         self.sweep_command = PreText(text="", name="sweep command", **style)
@@ -70,7 +71,8 @@ class Export:
         found = page.methods.known(page.exploration, page.controls.accuracy.value)
         if found is None:  # another accuracy is being prepared
             return
-        method, periods = method_words(found), str(page.amount.motion)
+        method = method_words(found)
+        periods = str(page.amount.motion)
         self.command.text = page.shown.command("simulate", "--periods", periods, *method, "--out", "run.nc")
         self.toml.text = page.shown.toml()
         values = max(len(page.centre.diagram.lanes.data["value"]), 2)

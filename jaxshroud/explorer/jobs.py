@@ -43,7 +43,9 @@ class Worker:
         Args:
             failed: Called in the thread with what a job raises.
         """
-        self.failed, self.wakened, self.waiting = failed, threading.Condition(), None
+        self.failed = failed
+        self.wakened = threading.Condition()
+        self.waiting = None
         self.number, self.closed, self.busy = 0, False, False
         self.thread = threading.Thread(target=self._work, daemon=True)
         self.thread.start()
@@ -52,7 +54,8 @@ class Worker:
         """Do this next, and end what is being done."""
         with self.wakened:
             self.number += 1
-            self.waiting, self.busy = job, True
+            self.waiting = job
+            self.busy = True
             self.wakened.notify()
 
     def cancel(self) -> None:
@@ -75,7 +78,9 @@ class Worker:
                 self.wakened.wait_for(lambda: self.closed or self.waiting is not None)
                 if self.closed:
                     return
-                job, number, self.waiting = self.waiting, self.number, None
+                job = self.waiting
+                number = self.number
+                self.waiting = None
             self._do(job, number)
 
     def _do(self, job: Job | None, number: int) -> None:
@@ -103,7 +108,8 @@ class Methods:
             chosen: Called with the scene and the accuracy for which a method was chosen, and with the method.
         """
         self.found: dict[Any, Method] = {}
-        self.lock, self.chosen = threading.Lock(), chosen
+        self.lock = threading.Lock()
+        self.chosen = chosen
 
     def method(self, exploration: Exploration, accuracy: str, go_on: Continue = lambda: None) -> Method:
         """The method of a scene, which is chosen if there is none yet, by trials before each of which it may end."""
@@ -140,7 +146,10 @@ class YieldingProgress:
     """Reports progress now and then, lets others go first, and ends work that is not wanted any more."""
 
     def __init__(self, go_on: Continue, tell: Callable[[float], None], first: Yield = lambda: False):
-        self.go_on, self.tell, self.first, self.told = go_on, tell, first, 0.0
+        self.go_on = go_on
+        self.tell = tell
+        self.first = first
+        self.told = 0.0
 
     def give_way(self) -> None:
         """Wait for what is wanted first, for a while."""
@@ -171,10 +180,12 @@ def diagram_job(
     """A diagram, coarse first; in other directions than from rest at one spacing, as a finer one is another run."""
 
     def job(go_on: Continue) -> None:
-        march, levels = method(go_on), []
+        march = method(go_on)
+        levels = []
         go_on()
         for level in range(amount.levels if direction == "independent" else 1):
-            values, report = window.new_values(level, amount.values), progress(go_on, level)
+            values = window.new_values(level, amount.values)
+            report = progress(go_on, level)
             report.give_way()
             levels.append(diagram(exploration.file, window, values, direction, amount, march, report))
             go_on()
@@ -195,7 +206,8 @@ def map_job(
     """A map, coarse first."""
 
     def job(go_on: Continue) -> None:
-        march, whole = method(go_on), None
+        march = method(go_on)
+        whole = None
         for level in range(amount.map_levels):
             pieces = [
                 map_piece(exploration.file, axes, amount, march, progress(go_on, level))
@@ -275,7 +287,8 @@ class DiagramWish:
 
     def job(self, methods: Methods, show: Show, tell: Tell, busy: Busy) -> Job:
         """The job."""
-        march, progress = partial(methods.method, *self.method), _progress(tell, lambda: busy("run"))
+        march = partial(methods.method, *self.method)
+        progress = _progress(tell, lambda: busy("run"))
         return diagram_job(self.method[0], march, self.window, self.direction, self.amount, progress, show)
 
 
@@ -289,7 +302,8 @@ class MapWish:
 
     def job(self, methods: Methods, show: Show, tell: Tell, busy: Busy) -> Job:
         """The job."""
-        march, progress = partial(methods.method, *self.method), _progress(tell, lambda: busy("run"))
+        march = partial(methods.method, *self.method)
+        progress = _progress(tell, lambda: busy("run"))
         return map_job(self.method[0], march, *self.windows, self.amount, progress, show)
 
 

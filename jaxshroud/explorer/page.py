@@ -60,9 +60,12 @@ class TabPage:
         self.document, self.start, self.exploration, self.methods = document, exploration, exploration, methods
         self.selected, self.results = {}, {}
         self.amount = Amount() if exploration.file.layout == PAIR else OF_A_ROW
-        self.take_engine, self.engine, self.shows = engine, None, {}
+        self.take_engine = engine
+        self.engine = None
+        self.shows = {}
         self.numbers = dict.fromkeys(WORKERS, 0)  # of the last wishes
-        self.recolouring, in_row = Recolouring(), exploration.file.layout != PAIR
+        self.recolouring = Recolouring()
+        in_row = exploration.file.layout != PAIR
         self.controls = Controls(exploration, self.change, accuracy)
         self.controls.reset.on_click(lambda event: self.reset())
         self.controls.accuracy.on_change("value", lambda attr, old, new: self.compute())
@@ -128,7 +131,8 @@ class TabPage:
 
     def reset(self) -> None:
         """Go back to the scene from the start."""
-        self.exploration, self.selected = self.start, {}
+        self.exploration = self.start
+        self.selected = {}
         self.controls.show(self.exploration)
         self.compute()
 
@@ -172,7 +176,8 @@ class TabPage:
         self.results.pop("map" if centre.shows_map else "diagram", None)
         self._working("diagram", "choosing the method, or compiling its program")
         if centre.shows_map:
-            wish, show = MapWish(method, centre.windows, self.amount), partial(self._show_map, *centre.windows)
+            wish = MapWish(method, centre.windows, self.amount)
+            show = partial(self._show_map, *centre.windows)
         else:
             wish = DiagramWish(method, centre.window, centre.direction, self.amount)
             show = partial(self.show_level, centre.window, centre.direction)
@@ -207,7 +212,8 @@ class TabPage:
         if message.kind == "chosen":
             self.methods.learn(*message.content)
         elif message.kind == "ended":
-            self.engine, self.workings = None, {}
+            self.engine = None
+            self.workings = {}
             self._working("engine", "", ENDED)
         elif message.number == self.numbers[message.worker]:
             if message.kind == "show":
@@ -299,7 +305,8 @@ def written_page(exploration: Exploration, accuracy: str, report: Progress) -> b
     """
     document = Document()
     page = TabPage(document, exploration, accuracy, Methods())
-    window, method = page.centre.window, page.methods.method(exploration, accuracy)
+    window = page.centre.window
+    method = page.methods.method(exploration, accuracy)
     coarse = diagram(
         exploration.file, window, window.new_values(0, page.amount.values), "independent", page.amount, method, report
     )

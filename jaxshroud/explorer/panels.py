@@ -50,7 +50,10 @@ class DiagramPanel:
             zoomed: Called with the ends that are shown, in SI units, once they change.
             chosen: Called with the value under a click, in SI units.
         """
-        self.zoomed, self.chosen, self.factor, self.key = zoomed, chosen, 1.0, ""
+        self.zoomed = zoomed
+        self.chosen = chosen
+        self.factor = 1.0
+        self.key = ""
         self.mapper = LinearColorMapper(low=-0.5, high=len(MOTION_COLOURS) - 0.5, palette=list(LIGHT.motions))
         recolouring.listeners.append(self._recolour)
         self.range = Range1d(start=0, end=1)
@@ -149,7 +152,8 @@ class DiagramPanel:
     def _sample_columns(self, data: Any) -> dict[str, np.ndarray]:
         (dim,) = data["status"].dims
         data = data.transpose(dim, "period", "blade", ...)
-        x, motion = data["x"].to_numpy()[:, :, 0], colour_indices(data)
+        x = data["x"].to_numpy()[:, :, 0]
+        motion = colour_indices(data)
         value = np.broadcast_to(data[dim].to_numpy()[:, None], x.shape)
         shown = np.broadcast_to(motion[:, None], x.shape)
         kept = (np.isfinite(x) & (shown >= 0)).ravel()
@@ -157,9 +161,11 @@ class DiagramPanel:
         return {name: np.ascontiguousarray(a.ravel()[kept]) for name, a in columns.items()}
 
     def _show_lanes(self, result: SweepResult) -> None:
-        data, ok = result.data, result.status == 0
+        data = result.data
+        ok = result.status == 0
         (dim,) = data["status"].dims
-        value, motion = data[dim].to_numpy(), colour_indices(data)
+        value = data[dim].to_numpy()
+        motion = colour_indices(data)
 
         def nan(a):
             return np.where(ok, np.asarray(a, float), np.nan)
@@ -200,7 +206,8 @@ class MapPanel:
             chosen: Called with the values under a click, in SI units.
         """
         style = styled()
-        self.chosen, self.factors = chosen, (1.0, 1.0)
+        self.chosen = chosen
+        self.factors = (1.0, 1.0)
         self.cells = empty_source(CELL_NAMES, "cells")
         self.mark = empty_source("xy")
         self.up = Select(title="second key", value=keys[0], options=list(keys), name="map_key", **style)

@@ -62,7 +62,9 @@ def poincare_columns(run: RunData) -> PlotColumns:
 
 def spectrum_columns(run: RunData, most: float = 6.0) -> PlotColumns:
     """The amplitude spectrum of the left blade [m] up to a frequency in units of the drive's."""
-    x, rate, q = run.ds["x"].to_numpy()[run.settled, 0], run.rate, run.repeats
+    x = run.ds["x"].to_numpy()[run.settled, 0]
+    rate = run.rate
+    q = run.repeats
     n_periods = whole_periods(x.size, rate)
     if n_periods < 1 or np.ptp(x) == 0:
         return {"f": np.zeros(0), "a": np.zeros(0), "foot": np.zeros(0)}
@@ -99,7 +101,8 @@ def _spans(t: np.ndarray, values: np.ndarray, styles: Any, bottom: float) -> lis
 
 def frame_columns(run: RunData) -> tuple[PlotColumns, float]:
     """The corners, the contact point and the ends of the arrows of every frame, and the factor of exaggeration."""
-    frames, blocks = last_frames(run, None), stored_blocks(run.ds)
+    frames = last_frames(run, None)
+    blocks = stored_blocks(run.ds)
     factor = fitting_factor(frames, blocks)
     rests = [np.array([blade * (blocks.l_oa + factor * blocks.gap), 0.0]) for blade in (0, 1)]
     instants = [frames.isel(time=i) for i in range(frames.sizes["time"])]
@@ -137,7 +140,9 @@ def _arrow_columns(frames: xr.Dataset, blocks: Blocks, left: np.ndarray) -> Plot
 def ring_columns(run: RunData) -> PlotColumns:
     """The amplitude of each blade of a row with contact and without, and where it is drawn."""
     ds = run.ds
-    peak, free, count = ds["x_peak"].to_numpy(), ds["x_free"].to_numpy(), ds.sizes["blade"]
+    peak = ds["x_peak"].to_numpy()
+    free = ds["x_free"].to_numpy()
+    count = ds.sizes["blade"]
     angle = 2 * np.pi * np.arange(count) / count
     closed = ds.sizes["interface"] == count
     x, y = (np.sin(angle), np.cos(angle)) if closed else (np.linspace(-1, 1, count), np.zeros(count))
@@ -182,7 +187,8 @@ class RunPanel:
     """The figures of one motion, and what they show."""
 
     def __init__(self, recolouring: Recolouring, row_of_blades: bool):
-        self.row, self.ends = row_of_blades, (0.0, 0.0)
+        self.row = row_of_blades
+        self.ends = (0.0, 0.0)
         self.sources = {name: empty_source(names, name) for name, names in SOURCES.items()}
         self.heading = Div(text="", **wide(), name="motion")
         self.verdict = Div(text="", **wide(), name="verdict")
@@ -197,7 +203,8 @@ class RunPanel:
         )
 
     def _history(self, recolouring: Recolouring) -> Any:
-        plot, source = new_plot("time history", 180, "time t/T", "x [mm]", "history_plot"), self.sources["history"]
+        plot = new_plot("time history", 180, "time t/T", "x [mm]", "history_plot")
+        source = self.sources["history"]
         scaled_ticks(plot.yaxis[0], 1e3)
         recolouring.line(plot.line("t", "x_2", source=source, legend_label="x_2", line_dash="dashed"), "soft")
         recolouring.line(plot.line("t", "x_1", source=source, legend_label="x_1", line_width=1.5), "strong")
@@ -223,7 +230,9 @@ class RunPanel:
         return plot
 
     def _contact_plots(self, recolouring: Recolouring) -> list[Any]:
-        tools, spans, source = "xpan,reset", self.sources["spans"], self.sources["forces"]
+        tools = "xpan,reset"
+        spans = self.sources["spans"]
+        source = self.sources["forces"]
         ribbon = new_plot("contact: state above, case below", 110, "", "", "ribbon_plot", tools=tools, y_range=(0, 2))
         ribbon.yaxis.visible = ribbon.ygrid.visible = False
         bars = ribbon.quad("left", "right", "top", "bottom", source=spans, color="color", line_color=None)

@@ -124,7 +124,8 @@ class ExploreServer:
         Raises:
             MachineError: The port is taken.
         """
-        self.token, self.pages = secrets.token_urlsafe(TOKEN_BYTES), []
+        self.token = secrets.token_urlsafe(TOKEN_BYTES)
+        self.pages = []
         methods = Methods()
 
         def open_page(document: Document) -> None:

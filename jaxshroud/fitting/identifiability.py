@@ -53,7 +53,8 @@ class _Side:
     def next_start(self, reach: float) -> np.ndarray:
         """Where the others begin at the next node: along the line through the latest two, or the linear ridge."""
         value = float(np.clip(self.nodes[0][0][self.i] + self.sign * reach * self.half, 0.0, 1.0))
-        latest, along = self.nodes[-1][0], self.ridge
+        latest = self.nodes[-1][0]
+        along = self.ridge
         if len(self.nodes) > 1:
             rise = latest - self.nodes[-2][0]
             along = rise / rise[self.i]
@@ -138,7 +139,8 @@ class ProfiledNumber(NamedTuple):
 
 def _unprofiled(found: Estimate, i: int) -> ProfiledNumber:
     """The profile of a number, of which nothing but the fit is known yet."""
-    half, covariance = float(found.half_widths[i]), found.covariance
+    half = float(found.half_widths[i])
+    covariance = found.covariance
     common = found.u, found.limit, min(half, WIDEST_STEP), covariance[:, i] / covariance[i, i]
     correlation = float(np.max(np.abs(np.delete(found.correlation[i], i)), initial=0.0))
     return ProfiledNumber(_Side(i, -1, *common), _Side(i, 1, *common), half, correlation > CONFOUNDED)
@@ -315,7 +317,8 @@ def _contradiction(found: Estimate, is_history: bool) -> list[str]:
     known = found.misfit.data.sigma_is_known
     if not ((known or is_history) and is_contradicted(found.chi2, found.freedom)):
         return []
-    factor, of = math.sqrt(found.chi2 / found.freedom), "is stated" if known else "neighbours have"
+    factor = math.sqrt(found.chi2 / found.freedom)
+    of = "is stated" if known else "neighbours have"
     return [f"the residuals are {factor:.3g} times the noise that {of}: no number is claimed"]
 
 

@@ -47,7 +47,10 @@ class Misfit:
             data: What was measured.
             skip: Called with a number of evaluations that were counted on and are not needed.
         """
-        self.predict, self.data, self.skip, self.evaluations = predict, data, skip, 0
+        self.predict = predict
+        self.data = data
+        self.skip = skip
+        self.evaluations = 0
         self._latest: tuple[bytes, Residuals] | None = None
 
     @property
@@ -157,7 +160,8 @@ def descend_together(
     """
     free = np.ones(points.u.shape, bool) if free is None else free
     rows = samples * misfit.channels
-    damping, moving = np.full(len(points.u), FIRST_DAMPING), np.ones(len(points.u), bool)
+    damping = np.full(len(points.u), FIRST_DAMPING)
+    moving = np.ones(len(points.u), bool)
     for _ in range(steps):
         at = np.flatnonzero(moving)
         if not at.size:

@@ -207,7 +207,8 @@ def _amplitudes(q, rate, h):
     mean = cubic_mean(q, rate, h)
     square = cubic_mean((q - mean) ** 2, 2 * (q - mean) * rate, h)
     rms = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)  # what stands still has no slope
-    high, low = hermite_largest(q, h * rate), -hermite_largest(-q, -h * rate)
+    high = hermite_largest(q, h * rate)
+    low = -hermite_largest(-q, -h * rate)
     return jnp.stack([rms[0], jnp.maximum(high - mean, mean - low)[0]])
 
 

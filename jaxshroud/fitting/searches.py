@@ -53,7 +53,8 @@ def lengthened(misfit: Misfit, u: np.ndarray, rng: np.random.Generator) -> Point
 
 def _descended(misfit: Misfit, u: np.ndarray, samples: int, steps: int) -> Points:
     """The points after some steps down chi^2 of a part of the record, the best first."""
-    rows, points = samples * misfit.channels, Points.at(misfit, u, samples)
+    rows = samples * misfit.channels
+    points = Points.at(misfit, u, samples)
     least_gain = LEAST_GAIN_OF_PART * float(np.min(points.chi2(rows))) / rows
     points = descend_together(misfit, points, samples, steps, least_gain)
     return points.take(np.argsort(points.chi2(rows), kind="stable"))
@@ -118,7 +119,9 @@ def estimate_of_history(
     Raises:
         NumericalError: The model says nothing of the data at any of the points.
     """
-    ends, best, alike = [], [], 0
+    ends = []
+    best = []
+    alike = 0
     for points in draws:
         found = lengthened(misfit, points, rng)
         check_says_something(found)

@@ -44,7 +44,8 @@ def convert(data: "xr.Dataset", path: Path, rows: Rows | None = None) -> None:
 
 
 def _csv(data: "xr.Dataset", path: Path, rows: Rows | None) -> None:
-    text, constants = csv_text(data, rows).encode(), constants_of(data, rows)
+    text = csv_text(data, rows).encode()
+    constants = constants_of(data, rows)
     if constants:
         import tomli_w
 
@@ -103,7 +104,8 @@ def csv_text(data: "xr.Dataset", rows: Rows | None = None) -> str:
     """
     import xarray as xr
 
-    dims, columns = _row_dims(data, rows), {}
+    dims = _row_dims(data, rows)
+    columns = {}
     data = _with_speeds_in_rpm(data)
     for name, variable in data.data_vars.items():
         if set(variable.dims) <= {*dims, *PLACES} and not (dims and set(variable.dims) <= PLACES - {*dims}):

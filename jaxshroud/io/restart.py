@@ -48,12 +48,17 @@ def stored_end(path: FilePath, scene_file: SceneFile) -> StoredEnd:
         _fail(path, f"the run stopped ({name}); start from an earlier file")
     differences = _scene_changes(path, ds, scene_file)
     layout = scene_file.layout
-    dims, shape = ("time", "interface")[: 1 + len(layout.interface_shape)], layout.interface_shape
+    dims = ("time", "interface")[: 1 + len(layout.interface_shape)]
+    shape = layout.interface_shape
     blades = ("time", "blade"), (layout.blades,)
     motion = Motion(*(_last_sample(path, ds, name, *blades) for name in Motion._fields))
-    case, of_points, points = _last_sample(path, ds, "case", dims, shape).astype(int), "", scene_file.scene.points
+    case = _last_sample(path, ds, "case", dims, shape).astype(int)
+    of_points = ""
+    points = scene_file.scene.points
     if points:
-        dims, shape, of_points = (*dims, "point"), (*shape, points), "point_"
+        dims = (*dims, "point")
+        shape = (*shape, points)
+        of_points = "point_"
     mode = _last_sample(path, ds, f"{of_points}mode", dims, shape).astype(int)
     of_each = np.where(mode == Mode.APART, 0, 1) if points else case  # points have no cases
     for pair in zip(mode.flat, of_each.flat, strict=True):

@@ -113,7 +113,8 @@ def _check_sizes(ds: "xr.Dataset", path: str | os.PathLike[str]) -> None:
 
     with h5py.File(path) as file:
         for name, variable in ds.variables.items():
-            phony, stored = any(str(dim).startswith("phony_dim") for dim in variable.dims), file.get(str(name))
+            phony = any(str(dim).startswith("phony_dim") for dim in variable.dims)
+            stored = file.get(str(name))
             if phony or (isinstance(stored, h5py.Dataset) and stored.shape != variable.shape):
                 raise ValueError(f"{name} has not the size of its dimensions")
 

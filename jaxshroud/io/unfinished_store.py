@@ -177,7 +177,8 @@ class Unfinished:
             if not self.has_arrays:
                 self._create(data)
             self._discard(block.place)
-            files, part = chunk_files(self._arrays, block.place), dict(zip(self.lanes, block.at, strict=True))
+            files = chunk_files(self._arrays, block.place)
+            part = dict(zip(self.lanes, block.at, strict=True))
             for name in sorted(files, key="status".__eq__):
                 array = self._arrays[name]
                 array[tuple(part.get(dim, slice(None)) for dim in dimension_names(array))] = data[name].to_numpy()
@@ -196,7 +197,9 @@ class Unfinished:
     def _resume(self, record: StoreRecord) -> None:
         """Open the arrays, and discard the blocks that are not as they were written."""
         arrays = arrays_in(self.path, record.names, writable=True)
-        self._whole, self._arrays, self.has_arrays = record, {name: arrays[name] for name in record.blocked}, True
+        self._whole = record
+        self._arrays = {name: arrays[name] for name in record.blocked}
+        self.has_arrays = True
         for left in [file for file in _own_files(self.path) if TEMPORARY_NAME.fullmatch(file.name)]:
             remove_unless_locked(left)
         with writing_errors(self.path):

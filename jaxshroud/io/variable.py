@@ -151,7 +151,8 @@ class CountsVariable(Variable[Mapping[str, Any]]):
 
     def __init__(self, long_name: str, prefix: str = "", dims: tuple[str, ...] = ()):
         super().__init__(long_name, dims=dims, alone=True)
-        self.label, self.prefix = f"{long_name}: ", prefix
+        self.label = f"{long_name}: "
+        self.prefix = prefix
 
     def entries(self, values: Mapping[str, Any], lanes: tuple[str, ...]) -> Iterator[Entry]:
         """One variable for each counter."""

@@ -60,7 +60,8 @@ def amplitude_slope(orbit: PeriodicOrbit, amplitude: Amplitude, problem: Tangent
         with np.errstate(invalid="ignore", divide="ignore"):  # a blade that stands still
             rms_by = (square_by - 2 * mean[:, None] * mean_by) / (2 * rms[:, None])
         return largest_level([*zip(rms, rms_by, strict=True)], "blades tie")
-    found, blades = [], len(orbit.P)
+    found = []
+    blades = len(orbit.P)
     extremes = farthest_extremes(orbit, amplitude, mean)
     for extreme in extremes:
         at = yield from _tangents_at(extreme, orbit, amplitude, problem)
@@ -90,12 +91,11 @@ def farthest_extremes(orbit: PeriodicOrbit, amplitude: Amplitude, mean: np.ndarr
     """The turning points of an orbit's displacement that may be farthest from the mean of their blade."""
     finer = -(-LEAST_SAMPLES // orbit.steps_per_period)
     steps = orbit.steps_per_period * finer
-    grid, (scenes, states) = (
-        SampleGrid(0.0, steps, 1, steps * orbit.q),
-        stacked([(without_given(orbit.scene), orbit.start)]),
-    )
+    grid = SampleGrid(0.0, steps, 1, steps * orbit.q)
+    scenes, states = stacked([(without_given(orbit.scene), orbit.start)])
     motion = sampled_motions(scenes, states, grid, orbit.method)
-    names, period = (amplitude.displacement, f"v_{amplitude.displacement}"), float(orbit.scene.drive.period)
+    names = (amplitude.displacement, f"v_{amplitude.displacement}")
+    period = float(orbit.scene.drive.period)
     q, rate = (getattr(motion, name)[0] for name in names)
     extremes = [
         e for blade in range(len(mean)) for e in turning_points(q[:, blade], rate[:, blade], period, steps, blade)
@@ -109,7 +109,8 @@ def turning_points(q: np.ndarray, rate: np.ndarray, period: float, steps: int, b
     slope = rate * (period / steps)  # per interval
     places = np.flatnonzero((slope[:-1] * slope[1:] <= 0) & (slope[:-1] != slope[1:]) & (slope[1:] != 0))
     q_0, q_1, m_0, m_1 = q[places], q[places + 1], slope[places], slope[places + 1]
-    s, (b, c) = m_0 / (m_0 - m_1), hermite_coefficients(q_0, q_1, m_0, m_1)
+    s = m_0 / (m_0 - m_1)
+    b, c = hermite_coefficients(q_0, q_1, m_0, m_1)
     columns = (places + s) / steps, q_0 + s * (m_0 + s * (b + s * c)), places / steps, rate[places]
     turns = [Extreme(*map(float, row), blade=blade) for row in zip(*columns, strict=True)]
     return turns or [Extreme(1.0, float(q[0]), 0.0, 0.0, blade)]
@@ -127,7 +128,9 @@ def _tangents_at(
         step = -rate * (turns - last) / (rate - last_rate) if rate != last_rate else 0.0
         if abs(step) <= PHASE_TOLERANCE:
             break
-        last, last_rate, turns = turns, rate, turns + step
+        last = turns
+        last_rate = rate
+        turns = turns + step
         at = yield _flow_to(turns, orbit, problem)
     return at
 

@@ -83,7 +83,8 @@ def _motion_scales(scene: Scene, sizes: np.ndarray) -> np.ndarray:
 def _periodic_attractors(scene: Scene, end: LaneEnds, label: np.ndarray, units: np.ndarray, aim: ShootingOptions):
     """The periodic attractors: the orbits of one lane after another, each with all lanes that end on it."""
     attractors: list[Attractor] = []
-    label, unassigned = label.copy(), np.flatnonzero(end.number)
+    label = label.copy()
+    unassigned = np.flatnonzero(end.number)
     while len(unassigned) and len(attractors) < MAX_ATTRACTORS:
         leader = int(unassigned[0])
         cycle = run_alone(_stable_orbit(scene, _take_lane(end.state, leader), int(end.number[leader]), aim))
@@ -138,7 +139,8 @@ def _ends_on(cycle: PeriodicOrbit, points: FloatArray, end: LaneEnds, lane: int,
     A lane that drifts by r in a period of the orbit, at the rate of its largest multiplier, has r / (1 - |multiplier|)
     to go.
     """
-    q, samples = int(end.number[lane]), end.samples[lane] / units
+    q = int(end.number[lane])
+    samples = end.samples[lane] / units
     if cycle.slider_is_free and np.array_equal(end.state.mode[lane], cycle.start.mode):
         return _differs_by_slider(cycle, samples[-q:], _free_places(cycle, end.state.u_s[lane]), units)
     if cycle.q % q and q % cycle.q:  # a slow lane may still seem to have a multiple of the period
@@ -158,8 +160,11 @@ def _free_places(cycle: PeriodicOrbit, u_s: np.ndarray) -> np.ndarray:
 def _differs_by_slider(cycle: PeriodicOrbit, samples: FloatArray, u_s: np.ndarray, units: np.ndarray) -> bool:
     """Whether samples (n, 12) are of an orbit that differs by the positions of free sliders only."""
     assert cycle.jacobian is not None  # there is an orbit
-    z, shift, free = to_vector(cycle.start), u_s - _free_places(cycle, cycle.start.u_s), cycle.free_sliders
-    moves, M = slice(-len(free)), cycle.jacobian.by_state
+    z = to_vector(cycle.start)
+    shift = u_s - _free_places(cycle, cycle.start.u_s)
+    free = cycle.free_sliders
+    moves = slice(-len(free))
+    M = cycle.jacobian.by_state
     by_sliders = moved_start(M, M[:, len(M) - len(free) :][:, free], free)[moves]
     unexplained = np.abs(samples - (z[moves] + by_sliders @ shift) / units).max(axis=1)
     difference = np.abs(samples - z[moves] / units).max(axis=1)
@@ -202,7 +207,8 @@ def _is_same_family(a: Attractor, b: Attractor, aim: ShootingOptions) -> bool:
 
 def _with_sliders(cycle: PeriodicOrbit, u_s: np.ndarray, aim: ShootingOptions) -> Algorithm[PeriodicOrbit | None]:
     """The orbit with its free sliders moved step by step."""
-    orbit, begin = cycle, _free_places(cycle, cycle.start.u_s)
+    orbit = cycle
+    begin = _free_places(cycle, cycle.start.u_s)
     places = cycle.scene.state_size - len(cycle.free_sliders) + np.flatnonzero(cycle.free_sliders)
     for stride in range(1, SLIDER_MOVES + 1):
         z = to_vector(orbit.start)
@@ -227,9 +233,11 @@ def _aperiodic_attractors(
     if not len(lanes):
         return end, []
     long_runs, rest = lanes[:MAX_LONG_RUNS], lanes[MAX_LONG_RUNS:]
-    scenes, states = repeat_lane(scene, len(long_runs)), take_lanes(end.state, long_runs)
+    scenes = repeat_lane(scene, len(long_runs))
+    states = take_lanes(end.state, long_runs)
     runs = run_lanes(scenes, states, Plan(0, KEPT_APERIODIC_PERIODS, aim.steps, 0.0, aim.method), ticker)
-    later_ends, points = lane_ends(scenes, runs), motion_rows(runs.samples.motion) / units
+    later_ends = lane_ends(scenes, runs)
+    points = motion_rows(runs.samples.motion) / units
     sets = _lasting_sets(
         scene, later_ends.state, _distinct_sets(points, _aperiodic_lanes(later_ends))[:MAX_ATTRACTORS], aim
     )

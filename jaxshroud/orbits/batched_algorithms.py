@@ -93,7 +93,8 @@ class StagedProgress:
     """The progress of work whose stages become known on the way: each adds to what is to be done."""
 
     def __init__(self, report: Progress | None):
-        self.report, self.total = report, 0
+        self.report = report
+        self.total = 0
 
     def stage(self) -> Progress:
         """The progress of the next stage; those before it have ended."""

@@ -147,7 +147,8 @@ def finer_value(
     fine_problem: ContinuationProblem, before: BranchPoint, special: BranchPoint, after: BranchPoint
 ) -> Algorithm[float]:
     """The value of a special point by a finer march; NaN where this finds none between the neighbours."""
-    ends, q = [], special.cycle.q
+    ends = []
+    q = special.cycle.q
     for point in (before, after):
         ends.append((yield from corrected_point(fine_problem, point.y, point.tangent, point.cycle.start, q)))
     here, there = ends
@@ -168,11 +169,14 @@ def locate_point(
     where none is found, or one that leaves the wave, the look is taken beside it, and the value of the point is
     interpolated between the nearest orbits on either side.
     """
-    chord, q = there.y - here.y, here.cycle.q
+    chord = there.y - here.y
+    q = here.cycle.q
     normal = chord / np.linalg.norm(chord)
     ends = [(0.0, (yield from test(here)), here.value), (1.0, (yield from test(there)), there.value)]
     best = min((here, ends[0][1]), (there, ends[1][1]), key=lambda one: abs(one[1]))
-    weights, failures, on_wave = [1.0, 1.0], 0, here.is_wave and there.is_wave
+    weights = [1.0, 1.0]
+    failures = 0
+    on_wave = here.is_wave and there.is_wave
     for trial in range(MAX_LOCATE_TRIALS):
         (a, f_a, _), (b, f_b, _) = ends
         w_a, w_b = f_a * weights[0], f_b * weights[1]
@@ -185,7 +189,8 @@ def locate_point(
             if failures == len(ASIDE):
                 break
             continue
-        failures, f = 0, (yield from test(point))
+        failures = 0
+        f = yield from test(point)
         best = min(best, (point, f), key=lambda one: abs(one[1]))
         if abs(f) <= MULTIPLIER_TOLERANCE or b - a < 1e-13:
             break
@@ -234,7 +239,8 @@ def grazing_point(problem: ContinuationProblem, here: BranchPoint, there: Branch
     with a finite speed.
     """
     fewer = min((yield from contact_summary(here)).onsets, (yield from contact_summary(there)).onsets)
-    size, omega = problem.units[0], float(problem.scene.drive.omega)
+    size = problem.units[0]
+    omega = float(problem.scene.drive.omega)
 
     def depth(point: BranchPoint) -> Algorithm[float]:
         touches = yield from contact_summary(point)

@@ -126,7 +126,9 @@ def _closed_point(
     problem: ContinuationProblem, y: np.ndarray, normal: np.ndarray, start: State, q: int
 ) -> Algorithm[BranchPoint | None]:
     """The orbit of `corrected_point`, without its reduced map."""
-    base, best, last = y, None, np.inf
+    base = y
+    best = None
+    last = np.inf
     for updates in range(MAX_CORRECTOR_UPDATES + 1):
         scene = problem.at(float(y[-1] * problem.width))
         state = _state_at(problem, y, start)
@@ -137,7 +139,8 @@ def _closed_point(
         y = np.append(with_determined_sliders(y[:-1], tangents, problem.units), y[-1])
         miss = tangents.vector / problem.units - y[:-1]
         residual = float(np.abs(miss * problem.weights).max())
-        free, jacobian = free_sliders(scene, tangents), _jacobian(problem, tangents)
+        free = free_sliders(scene, tangents)
+        jacobian = _jacobian(problem, tangents)
         if residual <= FOLLOWED_TOLERANCE[problem.aim.method.precision] and (
             best is None or residual < best.cycle.residual
         ):
@@ -147,7 +150,8 @@ def _closed_point(
         done = residual <= problem.aim.tolerance or (best is not None and residual > 0.5 * last)
         if done or residual > 1e3 * max(last, 1e-3):
             return best
-        start, last = tangents.end, residual
+        start = tangents.end
+        last = residual
         y = y + _corrector_step(jacobian, miss, normal, float(normal @ (base - y)), free)
     return best
 
@@ -197,7 +201,8 @@ def _branch_point(
     jacobian: np.ndarray,
     side: np.ndarray,
 ) -> BranchPoint:
-    value, tangent = float(y[-1] * problem.width), _tangent(jacobian, free, side)
+    value = float(y[-1] * problem.width)
+    tangent = _tangent(jacobian, free, side)
     scene = problem.at(value)
     cycle = describe_orbit(scene, shot, q, problem.aim.tolerance, 0, problem.aim.steps, problem.aim.method)
     return BranchPoint(y, value, cycle, tuple(free.tolist()), tangent, shot.updates)

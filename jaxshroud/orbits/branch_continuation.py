@@ -30,7 +30,8 @@ JUMP_STEPS = 1e-5, 1e-4, 1e-3, 4e-3
 MAX_JUMP_DISTANCE = 0.1  # largest distance of the orbit beyond a jump from the last one, in units of the motion
 # Special points at which an orbit of period q may become one of period q / 2, or a broken wave whole, and the closing
 # error over half the period, or of the wave, that shows it: two branches cross there, where Newton's method stalls.
-HALVING_KINDS, HALF_PERIOD_RESIDUAL = ("fold", "branch point", "corner"), 0.03
+HALVING_KINDS = ("fold", "branch point", "corner")
+HALF_PERIOD_RESIDUAL = 0.03
 DOUBLING_STEP = 1e-2  # distance from a flip at which the orbit of twice the period is sought, in units of the motion
 PLANE_DIRECTIONS = 8  # tried in a plane of eigenvectors
 USUAL_POINTS = 400  # of a branch in one direction, of those that may have more
@@ -47,7 +48,9 @@ class Arc(NamedTuple):
 
 def continue_branch(problem: ContinuationProblem, first: BranchPoint, max_points: int) -> Algorithm[Arc]:
     """Continue the branch from a point in the direction of its tangent."""
-    points, here, step = [first], first, FIRST_STEP
+    points = [first]
+    here = first
+    step = FIRST_STEP
     while len(points) < max_points:
         there = yield from _next_point(problem, here, step)
         if there is None:
@@ -70,7 +73,8 @@ def continue_branch(problem: ContinuationProblem, first: BranchPoint, max_points
         points += [*special, there]
         if len(points) > 10 and _is_same_point(there, first, step):
             return Arc([*points, first], "closed")
-        here, step = there, min(step * (STEP_GROWTH if there.updates <= EASY_UPDATES else 1.0), MAX_STEP)
+        here = there
+        step = min(step * (STEP_GROWTH if there.updates <= EASY_UPDATES else 1.0), MAX_STEP)
     return Arc(points, "most points")
 
 
@@ -99,7 +103,8 @@ def _point_at_value(
 ) -> Algorithm[BranchPoint | None]:
     """The point between two at a value of the parameter."""
     share = (value - here.value) / (there.value - here.value)
-    y, normal = here.y + share * (there.y - here.y), problem.along_parameter
+    y = here.y + share * (there.y - here.y)
+    normal = problem.along_parameter
     point = yield from corrected_point(problem, y, normal, here.cycle.start, here.cycle.q)
     return None if point is None else point._replace(tangent=here.tangent)
 
@@ -143,7 +148,8 @@ def emanating_point(problem: ContinuationProblem, origin: BranchPoint) -> Algori
     Where two multipliers are at the target at once, several branches may begin: the least unstable of those is taken
     that are found.
     """
-    target, found = emanating_multiplier(origin), []
+    target = emanating_multiplier(origin)
+    found = []
     q = origin.cycle.q * (2 if target == -1.0 else 1)
     for direction in _eigenvectors(problem, origin, target):
         if target == -1.0:

@@ -101,15 +101,19 @@ def gradient_of(
 
 def orbit_gradient(orbit: PeriodicOrbit, wrt: Sequence[str], of: Quantity = "P_d") -> Algorithm[PowerGradient]:
     """The exact gradient on a periodic orbit, by the implicit function theorem."""
-    scene, amplitude = with_numbers(orbit.scene, wrt), amplitude_of(of)
+    scene = with_numbers(orbit.scene, wrt)
+    amplitude = amplitude_of(of)
     problem = TangentProblem(scene, orbit.start, [direction(scene, key) for key in wrt])
     if amplitude is not None:
-        (level, slope, flags), both = (yield from amplitude_slope(orbit, amplitude, problem)), _Reductions()
+        level, slope, flags = yield from amplitude_slope(orbit, amplitude, problem)
+        both = _Reductions()
     elif of == "P_d_vibration":
         (level, slope, flags), both = yield from _vibration_slope(orbit, problem)
     else:
         (level, slope, flags), both = yield from _power_slope(orbit, problem._replace(by_state=False), cast(Power, of))
-    slope, zeros, flags = np.asarray(slope, float), np.zeros(len(wrt)), (*orbit.flags, *flags)
+    slope = np.asarray(slope, float)
+    zeros = np.zeros(len(wrt))
+    flags = (*orbit.flags, *flags)
     return PowerGradient("periodic", slope, zeros, level, 0.0, orbit, orbit.conditioning, 0.0, flags, *both)
 
 
@@ -145,7 +149,8 @@ def _vibration_slope(orbit: PeriodicOrbit, problem: TangentProblem) -> Algorithm
     shift = moved_start(orbit.jacobian.by_state, whole.by_parameter, orbit.free_sliders)
     power_by = whole.power_by_parameter + whole.power_by_state @ shift
     means_by = whole.means_by_parameter + whole.means_by_state @ shift
-    scene, squares = without_given(problem.scene), (whole.power, whole.means)
+    scene = without_given(problem.scene)
+    squares = (whole.power, whole.means)
     scenes, squares, directions = *repeat_lane((scene, squares), len(problem.directions)), stacked(problem.directions)
     by = power_by.T, np.moveaxis(means_by, -1, 0)
     slope = directional_derivatives(scenes, squares, directions, by, "P_d_vibration")
@@ -160,7 +165,8 @@ def differences_on(
     orbit: PeriodicOrbit, wrt: Sequence[str], step: float, of: Quantity, levels_nearby: LevelsNearby
 ) -> dict[str, float]:
     """Fourth-order central differences of `of` on the orbits of nearby scenes; see `differences`."""
-    scene, offsets = with_numbers(orbit.scene, wrt), np.array([[-2], [-1], [1], [2]])
+    scene = with_numbers(orbit.scene, wrt)
+    offsets = np.array([[-2], [-1], [1], [2]])
     values = [level_of(scene, key) for key in wrt]
     steps = [step * (abs(value) or 1) for value in values]
     parts = [scenes_around(scene, [key], v + h * offsets) for key, v, h in zip(wrt, values, steps, strict=True)]
@@ -190,7 +196,8 @@ def _quantity(of: Power, scene: Scene, power):
     if of == "P_d_vibration":
         square, means = power
         means = means_from_static(scene, means)
-        of, power = "P_d", vibration_square(square[: means.shape[-1]], means, gyration(scene.shroud))
+        of = "P_d"
+        power = vibration_square(square[: means.shape[-1]], means, gyration(scene.shroud))
     counts = scene.layout.counting
     P = area(scene.shroud) * power[counts]
     if of == "P_d_worst":
@@ -243,7 +250,8 @@ def smoothed_gradient(
     has_width = levels != 0
     if not has_width.any():
         raise InputError(f"{wrt[0]} is 0: a relative width says nothing about it.")
-    centre, wrt = levels[has_width], [key for key, kept in zip(wrt, has_width, strict=True) if kept]
+    centre = levels[has_width]
+    wrt = [key for key, kept in zip(wrt, has_width, strict=True) if kept]
     xi = np.random.default_rng(seed).standard_normal((pairs, len(wrt)))
     signed = np.concatenate([xi, -xi])
     level, noise, number, ok, both = _sampled_levels(scene, wrt, centre * (1 + sigma * signed), of, plan)
@@ -253,10 +261,8 @@ def smoothed_gradient(
         raise NumericalError(message)
     difference = (level[:pairs] - level[pairs:])[complete] / 2
     slope, slope_ci = _least_squares(xi[complete], difference)
-    residual, own_noise = (
-        np.std(difference - xi[complete] @ slope),
-        np.sqrt(np.nanmean(np.append(noise, 0.0) ** 2)) / 1.96,
-    )
+    residual = np.std(difference - xi[complete] @ slope)
+    own_noise = np.sqrt(np.nanmean(np.append(noise, 0.0) ** 2)) / 1.96
     structured = len(np.unique(number)) > 1 or residual > max(
         STRUCTURED_FACTOR * own_noise, STRUCTURED_SHARE * np.std(difference)
     )

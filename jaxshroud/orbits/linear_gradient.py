@@ -115,7 +115,8 @@ def _linear_levels(measure: str, value, by, row: int) -> tuple[np.ndarray, np.nd
 def _as_orbit(scene: Scene, value, steps: int, method: Choices) -> PeriodicOrbit:
     """The motion as an orbit of one period; its sliders do not move."""
     area, P_0 = area_and_free_power(scene)
-    P, counts = area * np.asarray(value.power)[0], scene.layout.counting
+    P = area * np.asarray(value.power)[0]
+    counts = scene.layout.counting
     first = Motion(*(np.asarray(part)[0, i] for part in (value.displacement, value.speed) for i in range(3)))
     lane = one_lane(without_given(scene))
     multipliers = linear_multipliers(lane, held_contact(lane, cast(LinearState, scene.parts.contact)))[0]

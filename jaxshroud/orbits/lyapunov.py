@@ -63,7 +63,8 @@ class StatePlaces(NamedTuple):
 
 def state_places(scene: Scene) -> StatePlaces:
     """The places of the numbers of the state of a scene of two blades."""
-    parts, blades = scene.parts, 2
+    parts = scene.parts
+    blades = 2
     places = np.arange(6 * blades).reshape(2, len(COORDINATES), blades)
     moves = [[parts.has(name, blade) for blade in range(blades)] for name in COORDINATES]
     law = law_type(scene)
@@ -88,19 +89,25 @@ def lyapunov_exponents(
     several points have a slider at each.
     """
     state = yield from state_after(scene, state, transient, steps, method)
-    units, places = energy_units(scene), state_places(scene)
-    stuck, status = np.ones(len(places.slider), bool), Status.OK
-    frames, growth = first_frames(len(places.motion)), []
+    units = energy_units(scene)
+    places = state_places(scene)
+    stuck = np.ones(len(places.slider), bool)
+    status = Status.OK
+    frames = first_frames(len(places.motion))
+    growth = []
     while len(growth) < n_periods:
         tangents = yield Derivatives(TangentProblem(scene, state), 1, steps, method)
-        before, state, status = state, tangents.end, Status(tangents.status)
+        before = state
+        state = tangents.end
+        status = Status(tangents.status)
         if status != Status.OK:
             break
         begins_to_stick = (not frames.done) & _sliders_in(before, Mode.APART) & _sliders_in(state, Mode.STICK)
         stays = begins_to_stick | free_sliders(scene, tangents)
         if len(stuck) and not stays[stuck].all():
             stuck = stuck & stays
-            frames, growth = first_frames(len(places.all) - int(stuck.sum())), []
+            frames = first_frames(len(places.all) - int(stuck.sum()))
+            growth = []
         numbers = np.append(places.motion, places.slider[~stuck])
         frames, grown = next_frames(frames, (tangents.by_state * units / units[:, None])[np.ix_(numbers, numbers)])
         moving = len(stuck) - int(stuck.sum())
@@ -174,7 +181,8 @@ def mean_exponents(rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
         nothing = np.full(rates.shape[1], np.nan)
         return nothing, nothing, rates
     with np.errstate(invalid="ignore"):
-        mean, ci = rates.mean(axis=0), confidence_interval(rates.T)
+        mean = rates.mean(axis=0)
+        ci = confidence_interval(rates.T)
     mean = np.where(np.isneginf(rates).any(axis=0), -np.inf, mean)
     order = np.argsort(-np.where(np.isnan(mean), np.finfo(float).min, mean), kind="stable")
     return mean[order], np.where(np.isfinite(mean), ci, np.nan)[order], rates[:, order]
@@ -235,13 +243,17 @@ def largest_exponents(
     exponent of 0 that is not one of the motion. Each lane has its own direction, by the `numbers` of the lanes (lanes,)
     where only some of them are run.
     """
-    lanes, unit = len(scenes.drive.omega), energy_units(scenes)
+    lanes = len(scenes.drive.omega)
+    unit = energy_units(scenes)
     numbers = np.arange(lanes) if numbers is None else numbers
     tangents = np.random.default_rng(0).standard_normal((numbers.max() + 1, scenes.state_size))[numbers] * unit
     tangents[:, -scenes.sliders :] = 0.0
-    no_change, method = jax.tree.map(np.zeros_like, scenes), as_differentiable(method)
-    alignment_blocks, blocks = ALIGNMENT_PERIODS // RENORMALIZATION_PERIODS, max(round(n / RENORMALIZATION_PERIODS), 1)
-    growth, status = np.empty((lanes, alignment_blocks + blocks)), np.full(lanes, Status.OK, np.int32)
+    no_change = jax.tree.map(np.zeros_like, scenes)
+    method = as_differentiable(method)
+    alignment_blocks = ALIGNMENT_PERIODS // RENORMALIZATION_PERIODS
+    blocks = max(round(n / RENORMALIZATION_PERIODS), 1)
+    growth = np.empty((lanes, alignment_blocks + blocks))
+    status = np.full(lanes, Status.OK, np.int32)
     for i in range(alignment_blocks + blocks):
         with np.errstate(divide="ignore", invalid="ignore"):
             tangents = tangents / np.linalg.norm(tangents / unit, axis=1, keepdims=True)
@@ -254,7 +266,8 @@ def largest_exponents(
             method,
         )
         status = np.where(status == Status.OK, flows.value.status, status)
-        states, tangents = end_as_start(flows).value, to_vector(flows.tangent.state)
+        states = end_as_start(flows).value
+        tangents = to_vector(flows.tangent.state)
         with np.errstate(divide="ignore", invalid="ignore"):
             grown = np.log(np.linalg.norm(tangents / unit, axis=1)) / RENORMALIZATION_PERIODS
         growth[:, i] = np.where(status == Status.OK, grown, np.nan)

@@ -147,7 +147,8 @@ def _half_power(
 ) -> Algorithm[tuple[float, str]]:
     """Where the amplitude falls to a level on one side of point `i`, or why there is no such place."""
     points, touches = branch.points, branch.touches
-    here, turned = i, 0.0
+    here = i
+    turned = 0.0
     while True:
         there = here + side
         if not 0 <= there < len(points):
@@ -188,12 +189,14 @@ def _linear_peak(amplitudes: AmplitudesAt, layout: Layout, values: np.ndarray, h
         return counted_amplitude(amplitudes(at), layout)
 
     fine = values[i - 1 : i + 2]
-    of_blades, place = amplitudes(fine), 1
+    of_blades = amplitudes(fine)
+    place = 1
     for _ in range(PEAK_ZOOMS):
         fine = np.linspace(fine[max(place - 1, 0)], fine[min(place + 1, len(fine) - 1)], PEAK_VALUES)
         of_blades = amplitudes(fine)
         place = int(np.nanargmax(counted_amplitude(of_blades, layout)))
-    top, blades = float(fine[place]), of_blades[place]
+    top = float(fine[place])
+    blades = of_blades[place]
     size = float(counted_amplitude(of_blades[place : place + 1], layout)[0])
     ends, reasons = zip(*(_half_power_end(level, values, here, i, top, size, side) for side in (-1, 1)), strict=True)
     reason = next(filter(None, reasons), "")

@@ -61,11 +61,15 @@ def settled_orbit(scene: Scene, state: State, max_periods: int, aim: ShootingOpt
     """
     steps, method = aim.steps, aim.method
     blades = scene.layout.blades
-    simulated, samples, largest, orbit = 0, np.empty((0, 6 * blades)), np.empty((0, 3 * blades)), None
+    simulated = 0
+    samples = np.empty((0, 6 * blades))
+    largest = np.empty((0, 3 * blades))
+    orbit = None
     lever = float(half_diagonal(scene.shroud))
     for periods in range(PERIODS_BETWEEN_CHECKS, max_periods + PERIODS_BETWEEN_CHECKS, PERIODS_BETWEEN_CHECKS):
         runs = yield Periods(scene, state, Plan(0, PERIODS_BETWEEN_CHECKS, steps, 0.0, method))
-        simulated, state = simulated + PERIODS_BETWEEN_CHECKS, _first_lane(final_states(runs.last.state))
+        simulated = simulated + PERIODS_BETWEEN_CHECKS
+        state = _first_lane(final_states(runs.last.state))
         status = int(runs.last.status[0])
         if status != Status.OK:
             return no_orbit(scene, state, "stopped", simulated, steps, method, status)
@@ -149,7 +153,9 @@ def _shoot(
     scene: Scene, state: State, q: int, sizes: np.ndarray, aim: ShootingOptions, max_updates: int = MAX_NEWTON_UPDATES
 ) -> Algorithm[ShootingState]:
     """Newton's method on the map of `q` periods, in quantities scaled by their `sizes`."""
-    best, unchanged, updates = None, 0, 0
+    best = None
+    unchanged = 0
+    updates = 0
     for updates in range(max_updates + 1):
         tangents = yield Derivatives(TangentProblem(scene, state), q, aim.steps, aim.method)
         z = with_determined_sliders(to_vector(state), tangents)
@@ -157,7 +163,8 @@ def _shoot(
         residual = float(np.max(np.abs(miss)))
         shot = ShootingState(state, tangents, residual, updates)
         if best is None or residual < best.residual:
-            best, unchanged = shot, 0
+            best = shot
+            unchanged = 0
         else:
             unchanged += 1
         if tangents.status != Status.OK or unchanged == 2 or not np.isfinite(residual):
@@ -175,7 +182,8 @@ def _shoot(
 
 def with_determined_sliders(z: np.ndarray, tangents: Tangents, units: np.ndarray | float = 1.0) -> np.ndarray:
     """A start (numbers,) in `units` whose sliders are those at the end of its map, but for sticking ones."""
-    z, sticks = np.copy(z), np.ravel(tangents.end.mode) == Mode.STICK
+    z = np.copy(z)
+    sticks = np.ravel(tangents.end.mode) == Mode.STICK
     count = len(sticks)
     z[-count:] = np.where(sticks, z[-count:], (tangents.vector / units)[-count:])
     return z
@@ -183,14 +191,16 @@ def with_determined_sliders(z: np.ndarray, tangents: Tangents, units: np.ndarray
 
 def _shooting_step(M: np.ndarray, miss: np.ndarray, free: np.ndarray) -> np.ndarray:
     """The solution of (I - M) step = miss; free sliders are not moved."""
-    moves, step = determined(len(M), free), np.zeros(len(M))
+    moves = determined(len(M), free)
+    step = np.zeros(len(M))
     step[moves] = np.linalg.lstsq(np.eye(len(moves)) - M[np.ix_(moves, moves)], miss[moves], rcond=None)[0]
     return step
 
 
 def moved_start(M: np.ndarray, shift: np.ndarray, free: np.ndarray | bool) -> np.ndarray:
     """The shift of the start of an orbit, (numbers, n), where its map has a `shift`; free sliders are held fixed."""
-    moves, shifted = determined(len(M), free), np.zeros_like(shift)
+    moves = determined(len(M), free)
+    shifted = np.zeros_like(shift)
     shifted[moves] = np.linalg.solve(np.eye(len(moves)) - M[np.ix_(moves, moves)], shift[moves])
     return shifted
 
@@ -209,9 +219,11 @@ def nearby_orbits(orbit: PeriodicOrbit, scenes: Scene, *, vibration: bool = Fals
     All orbits are closed at once, by Newton's method with the Jacobian of the given orbit.
     """
     assert orbit.jacobian is not None  # there is an orbit
-    lanes, sizes = len(scenes.drive.omega), state_scales(orbit.scene, orbit.start)
+    lanes = len(scenes.drive.omega)
+    sizes = state_scales(orbit.scene, orbit.start)
     states = starts = repeat_lane(orbit.start, lanes)
-    no_change, method = jax.tree.map(np.zeros_like, scenes), as_differentiable(orbit.method)
+    no_change = jax.tree.map(np.zeros_like, scenes)
+    method = as_differentiable(orbit.method)
     method = method._replace(vibration=vibration)
     power, smallest = np.full((lanes, len(orbit.P)), np.nan), np.full(lanes, np.inf)
     means = np.full((lanes, 4, scenes.layout.counted), np.nan) if vibration else None

@@ -90,7 +90,8 @@ def end_states(
     vibration: bool = False,
 ) -> HorizonEnds:
     """Where lanes (leading axis) end. `ledger` and `vibration` are those of the programs that march them."""
-    scenes, method = in_precision(scenes, method.precision), method._replace(ledger=ledger, vibration=vibration)
+    scenes = in_precision(scenes, method.precision)
+    method = method._replace(ledger=ledger, vibration=vibration)
     runs = run_lanes(scenes, initial_states(scenes), Plan(HORIZON - 1, 1, steps, 0.0, method), tick)
     return HorizonEnds(
         motions_at(runs.samples, 0), _trials(scenes, method.tableau.trials(steps), vars(runs.log.counters))
@@ -99,7 +100,8 @@ def end_states(
 
 def trajectory_ends(scenes: Scene, steps: int, method: Choices, tick: Tick = _no_tick) -> HorizonEnds:
     """The same by the compiled programs of `trajectories`, with a ledger."""
-    scenes, method = in_precision(scenes, method.precision), method._replace(ledger=True)
+    scenes = in_precision(scenes, method.precision)
+    method = method._replace(ledger=True)
     grid = SampleGrid(0.0, steps, steps, HORIZON * steps)
     run = trajectories(scenes, initial_states(scenes), grid, method, lambda lane_steps: tick(lane_steps / steps))
     motions = np.concatenate(run.samples["motion"], axis=-1)[:, -1].astype(float)
@@ -134,7 +136,8 @@ def adaptive_samples(
         solver: The name of a solver of diffrax.
         rtol: Its tolerance relative to each number; for displacements also relative to `free_rms_displacement`.
     """
-    moving, blocks = jax.vmap(_start)(scenes), []
+    moving = jax.vmap(_start)(scenes)
+    blocks = []
     for _ in range(periods):
         moving, sample, steps = _one_period(scenes, moving, rtol, solver)
         blocks.append((sample, steps))
@@ -167,7 +170,9 @@ def _lane_period(scene: Scene, moving: MovingState, rtol: float | Scalar, solver
     """One period of one lane, from drive phase 0."""
     import diffrax
 
-    model, period, omega = prepared_model(scene), scene.drive.period, scene.drive.omega
+    model = prepared_model(scene)
+    period = scene.drive.period
+    omega = scene.drive.omega
     first = carried_state(initial_state(scene.initial), model)
 
     def field(t, y, _):

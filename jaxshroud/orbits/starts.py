@@ -37,7 +37,8 @@ def start_range(scene: Scene) -> Motion:
     Raises:
         InputError: The amplitude is infinite.
     """
-    free, gap = steady_amplitudes(scene), float(np.abs(scene.running_shroud.gap).max())
+    free = steady_amplitudes(scene)
+    gap = float(np.abs(scene.running_shroud.gap).max())
     omega = float(scene.drive.frequency(max(free)))
     amplitudes = [np.asarray(free_reach(free, name), float) for name in DISPLACEMENTS]
     lever = float(half_diagonal(scene.shroud))
@@ -57,7 +58,8 @@ def random_starts(scene: Scene, n: int, seed: int, spread: float) -> State:
 
     States with overlapping blocks are drawn again, as they would begin with spurious elastic energy.
     """
-    rng, ranges = np.random.default_rng(seed), start_range(scene)
+    rng = np.random.default_rng(seed)
+    ranges = start_range(scene)
     starts = np.empty((0, 6, 2))
     draws = starts
     for _ in range(MAX_DRAWS):
@@ -129,7 +131,8 @@ def run_until_settled(scene: Scene, states: State, max_periods: int, steps: int,
         Plan(max(min(FIRST_ROUND_PERIODS, max_periods) - KEPT_PERIODS, 0), KEPT_PERIODS, steps, 0.0, method),
         ticker,
     )
-    simulated, running = max(FIRST_ROUND_PERIODS, KEPT_PERIODS), len(ends.status)
+    simulated = max(FIRST_ROUND_PERIODS, KEPT_PERIODS)
+    running = len(ends.status)
     while simulated < max_periods:
         pending = np.flatnonzero((ends.number == 0) & (ends.status == Status.OK))
         ticker((running - len(pending)) * (max_periods - simulated))
@@ -153,7 +156,8 @@ def lane_ends(scenes: Scene, runs: Runs) -> LaneEnds:
     """The final states of runs with their latest periods."""
     samples = jax.tree.map(lambda a: a[:, -KEPT_PERIODS:], runs.samples)
     orbit, power, _ = averages(scenes, samples)
-    status, sizes = np.asarray(runs.last.status), period_maxima(samples).max(axis=1)
+    status = np.asarray(runs.last.status)
+    sizes = period_maxima(samples).max(axis=1)
     number = np.where((orbit.settling.verdict == SETTLED) & (status == Status.OK), orbit.number, 0)
     return LaneEnds(
         final_states(runs.last.state),

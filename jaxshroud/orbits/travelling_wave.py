@@ -52,7 +52,8 @@ def wave_symmetry(scene: Scene) -> WaveSymmetry | None:
     layout = scene.layout
     if not layout.closed or not _is_tuned(scene):
         return None
-    N, order = layout.blades, order_of_drive(scene.drive)
+    N = layout.blades
+    order = order_of_drive(scene.drive)
     if order is None:
         return None
     common = math.gcd(order, N)
@@ -96,7 +97,8 @@ def travelling_wave(orbit: PeriodicOrbit) -> Algorithm[TravellingWave | None]:
     assert orbit.jacobian is not None  # there is an orbit
     start = orbit.jacobian.vector  # with the sliders that the modes determine
     residual = float(np.max(np.abs(part.vector[order] - start) / state_scales(orbit.scene, orbit.start)))
-    reduced, moves = part.by_state[order], determined(len(order), orbit.free_sliders)
+    reduced = part.by_state[order]
+    moves = determined(len(order), orbit.free_sliders)
     return TravellingWave(symmetry, residual, _multipliers_of(reduced), _multipliers_of(reduced[np.ix_(moves, moves)]))
 
 
@@ -108,7 +110,8 @@ def _multipliers_of(jacobian: np.ndarray) -> np.ndarray:
 
 def shifted_places(blades: int, size: int, shift: int) -> np.ndarray:
     """The places (size,) from which the numbers of a ring's state come when blade i takes over blade i - shift."""
-    places, motion = np.arange(size), 6 * blades
+    places = np.arange(size)
+    motion = 6 * blades
     turned = np.roll(places[:motion].reshape(-1, blades), shift, axis=1)
     sliders = np.roll(places[motion:].reshape(blades, -1), shift, axis=0)  # of each interface, point by point
     return np.concatenate([turned.ravel(), sliders.ravel()])

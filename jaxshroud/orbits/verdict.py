@@ -65,11 +65,14 @@ def verdicts(
     status = np.full(len(scenes.drive.omega), Status.OK, np.int32)
     if transient:
         runs = run_lanes(scenes, states, Plan(transient - 1, 1, aim.steps, 0.0, aim.method), tick)
-        states, status = final_states(runs.last.state), np.asarray(runs.last.status)
+        states = final_states(runs.last.state)
+        status = np.asarray(runs.last.status)
     results: dict[int, Verdict] = {}
-    open_lanes, first = np.arange(len(scenes.drive.omega)), transient
+    open_lanes = np.arange(len(scenes.drive.omega))
+    first = transient
     for round_number in range(rounds):
-        lengths, last = stretches.longer(2**round_number), round_number == rounds - 1
+        lengths = stretches.longer(2**round_number)
+        last = round_number == rounds - 1
         lanes = open_lanes
         chosen = jax.tree.map(lambda a, lanes=lanes: np.asarray(a)[lanes], scenes)
         evidence = gather_evidence(chosen, states, status[lanes], first, lengths, aim, tick)
@@ -92,7 +95,8 @@ def _verdicts_with_copies(
     if not lanes:
         return {}
     chosen = jax.tree.map(lambda a: np.asarray(a)[lanes], scenes)
-    states, periods = stacked([results[i].evidence.last for i in lanes]), results[lanes[0]].evidence.stretches.series
+    states = stacked([results[i].evidence.last for i in lanes])
+    periods = results[lanes[0]].evidence.stretches.series
     copies = settled_copies(chosen, states, periods, aim)
     evidence = [
         (results[i].evidence._replace(settled=outcome), results[i].periods)

@@ -24,7 +24,9 @@ from jaxshroud.signals.averages import closing_tolerances_of, displacements
 from jaxshroud.signals.period import PERIOD_TOLERANCE, Recurrence, recurrence
 
 # of K, away from the resonances at 0 and pi
-TEST_FREQUENCIES, LOWEST_FREQUENCY, HIGHEST_FREQUENCY = 100, np.pi / 5, 4 * np.pi / 5
+TEST_FREQUENCIES = 100
+LOWEST_FREQUENCY = np.pi / 5
+HIGHEST_FREQUENCY = 4 * np.pi / 5
 NUMBERS_PER_LAG = 10  # the lags go up to a tenth of the series
 MIN_NUMBERS = 50  # with fewer there are not five lags
 
@@ -78,10 +80,12 @@ def _zero_one_of_series(phi: FloatArray, near: float) -> float:
         return float("nan")
     if np.ptp(phi) <= near:
         return 0.0
-    frequencies, n = np.random.default_rng(0).uniform(LOWEST_FREQUENCY, HIGHEST_FREQUENCY, TEST_FREQUENCIES), len(phi)
+    frequencies = np.random.default_rng(0).uniform(LOWEST_FREQUENCY, HIGHEST_FREQUENCY, TEST_FREQUENCIES)
+    n = len(phi)
     scaled = (phi - phi.mean()) / np.ptp(phi)  # scaled, as squares might overflow
     points = np.cumsum(scaled * np.exp(1j * frequencies[:, None] * np.arange(n)), axis=1)
-    lags, last = np.arange(1, n // NUMBERS_PER_LAG + 1), n - n // NUMBERS_PER_LAG
+    lags = np.arange(1, n // NUMBERS_PER_LAG + 1)
+    last = n - n // NUMBERS_PER_LAG
     growth = np.stack([(np.abs(points[:, lag : last + lag] - points[:, :last]) ** 2).mean(axis=1) for lag in lags])
     return float(np.median([np.corrcoef(lags, column)[0, 1] for column in growth.T]))
 
@@ -113,11 +117,9 @@ def settled_copies(scenes: Scene, states: State, periods: int, aim: ShootingOpti
     is_ok = np.asarray(runs.last.status) == Status.OK
     number = np.where(is_ok, recurrence(displacements(runs.samples), near).number, 0)
     returned = (number > 0).reshape(lanes, PERTURBED_COPIES)
-    settling, samples, ends = (
-        np.flatnonzero(returned.any(axis=1)),
-        motion_rows(runs.samples.motion),
-        final_states(runs.last.state),
-    )
+    settling = np.flatnonzero(returned.any(axis=1))
+    samples = motion_rows(runs.samples.motion)
+    ends = final_states(runs.last.state)
     candidates = settling * PERTURBED_COPIES + returned[settling].argmax(axis=1)
     searches = [
         nearby_orbit(_lane_of(copies, i), _lane_of(ends, i), int(number[i]), samples[i, -RETURN_WINDOW:], aim)
@@ -228,7 +230,8 @@ def _nearby_orbits(
     scenes: Scene, states: State, runs: Runs, tight: Recurrence, loose: Recurrence, aim: ShootingOptions
 ) -> list[_SampledOrbit | None]:
     """The orbit near each lane whose samples return, at least loosely."""
-    number, samples = np.where(tight.number > 0, tight.number, loose.number), motion_rows(runs.samples.motion)
+    number = np.where(tight.number > 0, tight.number, loose.number)
+    samples = motion_rows(runs.samples.motion)
     lanes = np.flatnonzero((number > 0) & (runs.last.status == Status.OK))
     searches = [
         _orbit_or_doubled(_lane_of(scenes, i), _lane_of(states, i), int(number[i]), samples[i, -RETURN_WINDOW:], aim)
@@ -262,7 +265,8 @@ def _zero_one_of_lanes(z: np.ndarray, nearest: np.ndarray, near: np.ndarray) -> 
     residual = np.stack([_without_repetition(samples, q) for samples, q in zip(z, nearest.tolist(), strict=True)])
     with np.errstate(invalid="ignore", divide="ignore"):  # a displacement that stays 0
         relative = np.ptp(residual, axis=1) / near
-    largest, lanes = np.where(np.isfinite(relative), relative, 0.0).argmax(axis=1), np.arange(len(z))
+    largest = np.where(np.isfinite(relative), relative, 0.0).argmax(axis=1)
+    lanes = np.arange(len(z))
     return zero_one(residual[lanes, :, largest], near[lanes, largest])
 
 

@@ -83,13 +83,15 @@ def save_animation(
         raise InputError(
             f"Fewer than {FEWEST_SAMPLES} samples of a period are stored, too few to show the motion; keep more."
         )
-    frames, blocks = last_frames(run, periods), stored_blocks(ds)
+    frames = last_frames(run, periods)
+    blocks = stored_blocks(ds)
     factor = factor or fitting_factor(frames, blocks)
     new_animation = RowAnimation if "interface" in ds.dims else PairAnimation
     with mpl.rc_context(STYLE), tempfile.TemporaryDirectory() as folder:
         animation = new_animation(frames, blocks, factor, title_of(ds) if title is None else as_is(title))
         animation.fix_layout()
-        writer, temporary = Writers[path.suffix](fps=PER_SECOND), Path(folder, path.name)
+        writer = Writers[path.suffix](fps=PER_SECOND)
+        temporary = Path(folder, path.name)
         with writer.saving(animation.figure, str(temporary), DPI):
             for i in range(frames.sizes["time"]):
                 animation.show(i)
@@ -201,7 +203,8 @@ class PairAnimation(Animation):
         self.point.set_data(*[[v] for v in point])
         self.point.set_color(MODE_STYLES[Mode(int(frame["mode"]))][1])
         if self.blocks.places is not None:
-            corners, modes = self._corners(frame, 0), frame["point_mode"].to_numpy()
+            corners = self._corners(frame, 0)
+            modes = frame["point_mode"].to_numpy()
             self.points.set_offsets([self.blocks.point_on_face(corners, place) for place in self.blocks.places])
             self.points.set_facecolor([MODE_STYLES[mode][1] if mode in MODE_STYLES else "none" for mode in modes])
             self.points.set_edgecolor(["white" if mode in MODE_STYLES else GREY for mode in modes])

@@ -38,7 +38,8 @@ class Blocks(NamedTuple):
     def corners(self, frame: xr.Dataset, factor: float, rest: PlotArray, blade: int) -> PlotArray:
         """The corners (4, 2) of a blade's block in a frame, whose centre is at `rest` without motion."""
         x, y, theta = (factor * float(frame[name][blade]) for name in ("x", "y", "theta"))
-        s, c = math.sin(theta), math.cos(theta)
+        s = math.sin(theta)
+        c = math.cos(theta)
         return self.outline @ np.array([[c, -s], [s, c]]) + np.array([x, y]) + rest
 
     def point_on_face(self, corners: PlotArray, contact_point: float) -> PlotArray:

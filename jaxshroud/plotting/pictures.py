@@ -147,7 +147,8 @@ def set_ticks(axes: Axes) -> None:
 
 def _is_crowded(axes: Axes) -> bool:
     """Whether the labels of the x axis take more than two thirds of its length."""
-    locs, box = axes.xaxis.get_majorticklocs(), axes.get_window_extent()
+    locs = axes.xaxis.get_majorticklocs()
+    box = axes.get_window_extent()
     letters = sum(map(len, axes.xaxis.get_major_formatter().format_ticks(list(locs))))
     size = float(mpl.rcParams["xtick.labelsize"]) * axes.figure.dpi / 72
     return letters * 0.6 * size > 2 / 3 * box.width

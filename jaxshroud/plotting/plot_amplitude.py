@@ -228,7 +228,8 @@ def _broken(points: xr.Dataset) -> tuple[str, BoolArray]:
 
 def _draw_response(panel: Axes, shown: ResponseContent) -> None:
     ds, axis, factor = shown.ds, shown.axis, shown.unit.factor
-    levels, free = [], _free_levels(shown)
+    levels = []
+    free = _free_levels(shown)
     for i, points in enumerate(shown.points):
         member = ds.isel(member=i)
         counted = _levels_of(member, shown.of) * factor
@@ -268,7 +269,8 @@ def _draw_member(
     along_branch: PlotArray | None,
 ) -> None:
     """The sweeps of a member as points, and its branches as lines."""
-    values, several = shown.axis.values, bool(shown.labels)
+    values = shown.axis.values
+    several = bool(shown.labels)
     status = shown.ds["status"].isel(member=i)
     for way, (_, color, marker, size) in DIRECTION_STYLES.items():
         ok = np.where(status.sel(direction=way).to_numpy() == Status.OK, levels.sel(direction=way).to_numpy(), np.nan)

@@ -118,9 +118,11 @@ def _share_rows(figure: AnyFigure, axes: Mapping[str, Axes], attractors: Attract
 
 def _draw_orbits(panel: Axes, attractors: AttractorsData) -> None:
     """The path of the left blade, and its place at the strobe; the more frequent are drawn wider, below the others."""
-    scale, count = scale_of(np.asarray(attractors.gap)), len(attractors.share)
+    scale = scale_of(np.asarray(attractors.gap))
+    count = len(attractors.share)
     for i in range(count):
-        x, name = attractors.path_x[i] * scale.factor, _attractor_name(attractors, i)
+        x = attractors.path_x[i] * scale.factor
+        name = _attractor_name(attractors, i)
         is_aperiodic = attractors.kind[i] == 2
         width = CHAOS_WIDTH if is_aperiodic else _nested(i, count, NARROWEST, WIDENING)
         panel.plot(x, attractors.path_v_x[i], color=colour(i), label=name, lw=width, zorder=2 - 0.5 * is_aperiodic)
@@ -160,7 +162,8 @@ def _draw_shares(panel: Axes, attractors: AttractorsData) -> None:
 def _draw_attractor_power(panel: Axes, attractors: AttractorsData) -> None:
     for i in _set_rows(panel, attractors).tolist():
         style: Properties = {"color": colour(i), "lw": 0.8}
-        low, high = attractors.P_d_least[i] - attractors.P_d_ci[i], attractors.P_d_most[i] + attractors.P_d_ci[i]
+        low = attractors.P_d_least[i] - attractors.P_d_ci[i]
+        high = attractors.P_d_most[i] + attractors.P_d_ci[i]
         panel.plot([low, high], [i, i], **style)
         panel.plot([attractors.P_d[i]], [i], "o", ms=3, mfc=colour(i) if i != attractors.worst else "white", **style)
     panel.margins(x=0.15)
@@ -170,7 +173,8 @@ def _draw_attractor_power(panel: Axes, attractors: AttractorsData) -> None:
 def _draw_motion_amplitudes(panel: Axes, attractors: AttractorsData) -> None:
     """The amplitude of each blade on the most frequent motions, and without contact unless that is far larger."""
     ds = attractors.data
-    blades, peaks = ds["blade"].to_numpy(), PER_MICRO * ds["x_peak"].to_numpy()
+    blades = ds["blade"].to_numpy()
+    peaks = PER_MICRO * ds["x_peak"].to_numpy()
     free = PER_MICRO * ds["x_free"].to_numpy()[0]
     for i, (color, marker) in enumerate(ATTRACTOR_STYLES[: len(peaks)]):
         label = f"motion {i + 1}: $P_d$ = {float(ds['P_d'][i]):.4g} %"
@@ -228,7 +232,8 @@ def _name_basins(figure: AnyFigure, axes: Mapping[str, Axes], basins: BasinsData
 def _places_inside(panel: Axes, basins: BasinsData) -> list[tuple[int, np.ndarray]]:
     """The attractors whose place at the strobe is inside the panel, with this place."""
     places = basins.at_strobe * _factors(basins)
-    (left, right), (foot, top) = panel.get_xlim(), panel.get_ylim()
+    left, right = panel.get_xlim()
+    foot, top = panel.get_ylim()
     return [(i, place) for i, place in enumerate(places) if left <= place[0] <= right and foot <= place[1] <= top]
 
 

@@ -16,7 +16,8 @@ HARMONICS = 4  # of the drive, from 1
 def _draw_map(panel: Axes, run: RunData) -> None:
     """The displacements of all blades over time; each row of the picture is a blade."""
     kept = run.t >= run.t[-1] - SHOWN_PERIODS - 1e-9
-    t, x = run.t[kept], PER_MICRO * run.ds["x"].to_numpy()[kept]
+    t = run.t[kept]
+    x = PER_MICRO * run.ds["x"].to_numpy()[kept]
     extent = float(np.abs(x).max()) or 1.0
     edges = np.arange(x.shape[1] + 1) - 0.5
     times = np.append(t, 2 * t[-1] - t[-2]) if len(t) > 1 else [0.0, 1.0]

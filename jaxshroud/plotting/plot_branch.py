@@ -48,7 +48,9 @@ OWN_STARTS = 0.25  # relative to the distance between the starts of one orbit, f
 def retraced(ds: xr.Dataset) -> BoolArray:
     """Points (n,) of branches whose orbit is an earlier one of the same branch, except the first of successive ones."""
     is_retraced = np.zeros(ds.sizes["point"], bool)
-    branch, value, x = ds["branch"].to_numpy(), ds["value"].to_numpy(), ds["samples"].to_numpy()[:, :, 0]
+    branch = ds["branch"].to_numpy()
+    value = ds["value"].to_numpy()
+    x = ds["samples"].to_numpy()[:, :, 0]
     for number in np.unique(branch):
         points = np.flatnonzero(branch == number)
         is_retraced[points] = _retraced_on_branch(value[points], x[points, : int(ds["q"][points[0]])])
@@ -72,7 +74,8 @@ def _retraced_on_branch(value: PlotArray, x: PlotArray) -> BoolArray:
 
 def _distance(point: PlotArray, line: PlotArray) -> float:
     """The distance from a point to a polygonal line."""
-    segments, offsets = np.diff(line, axis=0), point - line[:-1]
+    segments = np.diff(line, axis=0)
+    offsets = point - line[:-1]
     share = np.clip((offsets * segments).sum(axis=1) / np.maximum((segments * segments).sum(axis=1), 1e-300), 0, 1)
     return float(np.linalg.norm(offsets - share[:, None] * segments, axis=1).min())
 
@@ -147,7 +150,8 @@ def _sweep_values(sweep: xr.Dataset) -> PlotArray:
 def stability_runs(ds: xr.Dataset) -> Iterator[tuple[bool, slice]]:
     """Runs of neighbouring points of one branch with the same stability, each up to the first point of the next run."""
     branch, stable, kind = (ds[name].to_numpy() for name in ("branch", "stable", "kind"))
-    first, size = 0, len(branch)
+    first = 0
+    size = len(branch)
     for i in range(1, size + 1):
         is_end = i == size or branch[i] != branch[first] or kind[i] == BIFURCATION_KINDS.index("jump")
         if is_end or stable[i] != stable[i - 1]:
@@ -228,7 +232,8 @@ def _draw_sweep(panel: Axes, sweep: xr.Dataset, levels: np.ndarray) -> None:
 def _draw_reductions(panel: Axes, branches: BranchData) -> None:
     """P_d of the row, and in pale that of the worst blade where it differs."""
     ds, (values, _, label), sweep = branches
-    row, worst = ds["P_d"].to_numpy(), ds["P_d_worst"].to_numpy()
+    row = ds["P_d"].to_numpy()
+    worst = ds["P_d_worst"].to_numpy()
     if sweep is not None:
         _draw_sweep(panel, sweep, sweep["P_d"].to_numpy()[:, None])
     if np.max(row - worst) > LEAST_SPAN:
@@ -255,7 +260,8 @@ ROW_BRANCH_PANELS = (
 def _branch_handles(ds: xr.Dataset, sweep: xr.Dataset | None) -> Sequence[Artist]:
     """Legend entries of what is visible."""
     visible = ~ds["retraced"].to_numpy()
-    stable, kind = ds["stable"].to_numpy()[visible].astype(bool), ds["kind"].to_numpy()[visible]
+    stable = ds["stable"].to_numpy()[visible].astype(bool)
+    kind = ds["kind"].to_numpy()[visible]
     handles = [
         Line2D([], [], ls=LINE_STYLES[s], label="stable" if s else "unstable", **LINE_STYLE)
         for s in (True, False)

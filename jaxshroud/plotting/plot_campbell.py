@@ -63,7 +63,8 @@ def campbell_page(ds: xr.Dataset, appearance: Appearance) -> Page[CampbellData]:
 
 def _top(ds: xr.Dataset) -> float:
     """The end of the axis of frequencies [Hz]: above what engine orders reach, and the families not far from there."""
-    reached, frequency = float(ds["engine_order"].max()) * ds.attrs["stop"] / (2 * np.pi), ds["frequency"].to_numpy()
+    reached = float(ds["engine_order"].max()) * ds.attrs["stop"] / (2 * np.pi)
+    frequency = ds["frequency"].to_numpy()
     if "frequency_at_speed" in ds:
         curves = ds["frequency_at_speed"].to_numpy()
         frequency = curves[np.isfinite(curves)]
@@ -102,7 +103,8 @@ def _left_ends(families: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     """Where the line of each family begins: its place on the axis of speeds from 0 to 1, and its frequency."""
     if "frequency_at_speed" not in families:
         return np.zeros(families.sizes["family"]), families["frequency"].to_numpy()
-    curves, speeds = families["frequency_at_speed"].to_numpy(), families["rotor_speed"].to_numpy()
+    curves = families["frequency_at_speed"].to_numpy()
+    speeds = families["rotor_speed"].to_numpy()
     first = np.isfinite(curves).argmax(axis=1)
     return (speeds[first] - speeds[0]) / (speeds[-1] - speeds[0]), curves[np.arange(len(curves)), first]
 
@@ -121,7 +123,8 @@ def _name_families(panel: Axes, families: xr.Dataset, labelled: list[float], top
 def _draw_orders(panel: Axes, data: CampbellData) -> None:
     """Draw the lines of the engine orders, each with its number where it leaves the picture, if there is room."""
     start, stop, own = (data.ds.attrs[name] for name in ("start", "stop", "drive_order"))
-    orders, ends = sorted(data.ds["engine_order"].to_numpy(), key=lambda order: order != own), []
+    orders = sorted(data.ds["engine_order"].to_numpy(), key=lambda order: order != own)
+    ends = []
     for order in orders:  # the drive's own first, which has its number in any case
         per_speed = order / (2 * np.pi)
         end = min(stop, data.top / per_speed)

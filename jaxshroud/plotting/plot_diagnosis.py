@@ -147,7 +147,8 @@ def diagnosis_page(diagnosis: DiagnosisResult, appearance: Appearance) -> Page[D
     known = ROW_DIAGNOSIS_PANELS if "interface" in diagnosis.data.dims else DIAGNOSIS_PANELS
     panels = [panel for panel in known if _is_shown(panel.name, content)]
     if appearance.inches(DIAGNOSIS_WIDTH) < LEAST_PAGE:
-        columns, panels = 2, [panel._replace(columns=NARROW_COLUMNS_OF.get(panel.name, 1)) for panel in panels]
+        columns = 2
+        panels = [panel._replace(columns=NARROW_COLUMNS_OF.get(panel.name, 1)) for panel in panels]
     else:
         columns = 3
     page = Page(content, panels, "", (DIAGNOSIS_WIDTH, 0.0), columns=columns, finish=_finish_diagnosis)
@@ -219,7 +220,8 @@ def _draw_curve(panel: Axes, content: DiagnosisData) -> None:
 def _draw_energy(panel: Axes, content: DiagnosisData) -> None:
     """The mean power of the drive, and of the losses."""
     diagnosis = content.diagnosis
-    powers, colors = diagnosis.powers, {"drive": INK, "viscous": SKY, "friction": ORANGE}
+    powers = diagnosis.powers
+    colors = {"drive": INK, "viscous": SKY, "friction": ORANGE}
     panel.barh(list(powers), list(powers.values()), color=[colors[name] for name in powers], height=0.6)
     panel.invert_yaxis()
     panel.margins(x=0.4)  # room for the numbers

@@ -60,7 +60,8 @@ def directions_page(ds: xr.Dataset, appearance: Appearance) -> Page[Directions]:
     ds = ds.sortby(str(ds.attrs["axes"]))
     content = Directions(ds, parameter_axis(ds[str(ds.attrs["axes"])], appearance), appearance.unit)
     sampled = "x" in ds
-    title, height = title_of(ds, ("x_1", "P_d") if sampled else ("P_d",)), 4.2 if sampled else 2.4
+    title = title_of(ds, ("x_1", "P_d") if sampled else ("P_d",))
+    height = 4.2 if sampled else 2.4
     panels = DIRECTION_PANELS[not sampled :]
     return Page(content, panels, title, (COLUMN_WIDTH, height), shared="x", finish=_finish_directions)
 
@@ -97,7 +98,8 @@ def _draw_direction_samples(panel: Axes, directions: Directions) -> None:
         lanes = ds.sel(direction=direction).transpose(str(ds.attrs["axes"]), "period", "blade", ...)
         x = (lanes["x"].to_numpy()[:, :, 0].T * scale.factor).T
         x = np.where(lanes["status"].to_numpy()[:, None] == Status.OK, x, np.nan)
-        repeated, style = np.broadcast_to(values[:, None], x.shape), {"mew": 0, "rasterized": True}
+        repeated = np.broadcast_to(values[:, None], x.shape)
+        style = {"mew": 0, "rasterized": True}
         panel.plot(repeated.ravel(), x.ravel(), marker, ms=size, color=color, **style)
     panel.set(xlabel=label, ylabel=scale.label(first_blade(ds)))
 
@@ -111,7 +113,8 @@ def _draw_direction_power(panel: Axes, directions: Directions) -> None:
     _mark_jumps(panel, directions)
     ds, (values, _, label), _ = directions
     for direction, (_label, color, marker, size) in DIRECTION_STYLES.items():
-        lanes, style = ds.sel(direction=direction), {"ms": size + 0.5, "color": color}
+        lanes = ds.sel(direction=direction)
+        style = {"ms": size + 0.5, "color": color}
 
         def power(name, of=lanes):
             return np.where(of["status"].to_numpy() == Status.OK, of[name].to_numpy(), np.nan)

@@ -65,7 +65,8 @@ def _numbers_page(ds: xr.Dataset) -> Page[xr.Dataset]:
 def _draw_valleys(panel: Axes, ds: xr.Dataset, key: str, i: int) -> None:
     """chi^2 of every minimum that was found, within the bounds of a number."""
     label, scale = quantity(key)
-    places, chi2 = scale * ds["minima_at"].to_numpy()[:, i], ds["minima"].to_numpy() / float(ds.attrs["freedom"])
+    places = scale * ds["minima_at"].to_numpy()[:, i]
+    chi2 = ds["minima"].to_numpy() / float(ds.attrs["freedom"])
     panel.plot(places[1:], chi2[1:], ls="", marker="o", ms=3, mfc="none", mec=GREY)
     panel.plot(places[:1], chi2[:1], ls="", marker="o", ms=3.5, color=INK)
     low, high = (scale * float(ds[f"bound_{end}"][i]) for end in ("low", "high"))
@@ -80,7 +81,9 @@ def _draw_valleys(panel: Axes, ds: xr.Dataset, key: str, i: int) -> None:
 
 def _draw_profile(panel: Axes, ds: xr.Dataset, key: str, i: int) -> None:
     """How chi^2 rises away from a number, and its interval."""
-    least, best, symbol = float(ds.attrs["chi2"]), float(ds["best"][i]), parse_key(key)[0].symbol
+    least = float(ds.attrs["chi2"])
+    best = float(ds["best"][i])
+    symbol = parse_key(key)[0].symbol
     unit, factor = ("%", 100 / abs(best)) if best else parse_key(key)[0].shown
 
     def away(number):
@@ -124,7 +127,8 @@ def _words(channel: str) -> tuple[str, str]:
 
 def _draw_quantity(panel: Axes, ds: xr.Dataset, name: str, appearance: Appearance) -> None:
     """The measured values of one quantity, and the fit."""
-    (label, factor), (unit, scale) = _place_axis(ds), _unit(ds, name, appearance)
+    label, factor = _place_axis(ds)
+    unit, scale = _unit(ds, name, appearance)
     measures = []
     for i in _columns(ds, name):
         measure, side = _words(str(ds["channel"].to_numpy()[i]))

@@ -58,7 +58,8 @@ def mistuned_page(ds: xr.Dataset, appearance: Appearance) -> Page[MistunedConten
         ds: A `Mistuned`.
         appearance: The appearance asked for.
     """
-    title, size = title_of(ds), (COLUMN_WIDTH, 5.4)
+    title = title_of(ds)
+    size = (COLUMN_WIDTH, 5.4)
     level = np.nan_to_num(ds["amplification"].to_numpy(), nan=-np.inf)
     if not np.isfinite(level).any():
         return Page(None, MISTUNED_PANELS, title, size, nothing="of every pattern a lane stopped")
@@ -72,7 +73,8 @@ def mistuned_page(ds: xr.Dataset, appearance: Appearance) -> Page[MistunedConten
 def _draw_amplification(panel: Axes, shown: MistunedContent) -> None:
     """The amplification of every pattern in groups by sigma, with quantiles and their intervals."""
     ds = shown.ds
-    designs, sigmas = [str(name) for name in ds["design"].to_numpy()], ds["sigma"].to_numpy()
+    designs = [str(name) for name in ds["design"].to_numpy()]
+    sigmas = ds["sigma"].to_numpy()
     width = 1 / len(designs)
     for i, design in enumerate(designs):
         places = np.arange(len(sigmas)) + (i - (len(designs) - 1) / 2) * width
@@ -99,10 +101,12 @@ def _draw_amplification(panel: Axes, shown: MistunedContent) -> None:
 
 def _draw_bound(panel: Axes, bound: float, highest: float, low: float) -> float:
     """The upper end of the axis, with Whitehead's line unless it would press the patterns to the bottom."""
-    words, top = f"Whitehead (linear, one mode per blade): {bound:.3g}", max(bound, highest)
+    words = f"Whitehead (linear, one mode per blade): {bound:.3g}"
+    top = max(bound, highest)
     is_far = highest - low < LEAST_SHARE * (bound - low)
     if is_far:
-        words, top = f"{words},\nbeyond this axis", low + ROOM_FOR_WORDS * max(highest - low, 1e-3)
+        words = f"{words},\nbeyond this axis"
+        top = low + ROOM_FOR_WORDS * max(highest - low, 1e-3)
     else:
         panel.axhline(bound, **BOUND_STYLE)
     note: Properties = {

@@ -32,7 +32,8 @@ def orbit_page(ds: xr.Dataset, appearance: Appearance) -> Page[MultiplierData]:
         ds: An `Orbit` of one scene.
         appearance: The appearance asked for.
     """
-    title, size = fitting_title(str(ds.attrs.get("title", ""))), (PAGE_WIDTH, 3.0)
+    title = fitting_title(str(ds.attrs.get("title", "")))
+    size = (PAGE_WIDTH, 3.0)
     if "status" not in ds.attrs:
         return Page(None, (), title, size, nothing=MANY)
     if not int(ds.attrs["q"]):
@@ -102,7 +103,8 @@ def lyapunov_page(ds: xr.Dataset, appearance: Appearance) -> Page[ExponentData]:
         ds: A `Lyapunov` of one scene.
         appearance: The appearance asked for.
     """
-    title, size = fitting_title(str(ds.attrs.get("title", ""))), (PAGE_WIDTH, 2.8)
+    title = fitting_title(str(ds.attrs.get("title", "")))
+    size = (PAGE_WIDTH, 2.8)
     if "status" not in ds.attrs:
         return Page(None, (), title, size, nothing=MANY)
     content = ExponentData(*(ds[name].to_numpy() for name in ("exponents", "ci", "growth")))

@@ -267,7 +267,8 @@ def draw_poincare(panel: Axes, run: RunData) -> None:
     """The points of the orbit at the ends of periods, on axes at least a quarter as long as the orbit."""
     if not run.ends.any():
         raise InputError("No end of a period is among the samples after the transient; keep a divisor of the steps.")
-    (x, v), few = (run.x[:, 0], run.v), run.ends.sum() < 200
+    x, v = (run.x[:, 0], run.v)
+    few = run.ends.sum() < 200
     panel.plot(x[run.ends], v[run.ends], "o", color=INK, ms=2.2 if few else 0.9, mew=0, rasterized=True)
     lengths = [axis_limits(a[run.ends], np.ptp(a[run.settled]) / 4) for a in (x, v)]
     points = int(run.ends.sum())
@@ -316,7 +317,9 @@ def _draw_last_periods(panel: Axes, t: PlotArray, x: PlotArray, mode: IntegerArr
 
 def _draw_lines_of_spectrum(panel: Axes, run: RunData) -> None:
     """Lines from a multiple of the period number, or a Hann-windowed curve where the motion does not repeat."""
-    x, rate, q = run.x[run.settled, 0], run.rate, run.repeats
+    x = run.x[run.settled, 0]
+    rate = run.rate
+    q = run.repeats
     n_periods = whole_periods(x.size, rate)
     if n_periods < 1 or np.ptp(x) == 0:
         panel.text(0.5, 0.5, "no oscillation over\na whole period", ha="center", transform=panel.transAxes)

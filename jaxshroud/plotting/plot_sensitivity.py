@@ -64,7 +64,8 @@ def gradient_page(data: Summary, appearance: Appearance) -> Page[Bars]:
 
 
 def _draw_bars(panel: Axes, bars: Bars) -> None:
-    shown, rows = bars.effects, np.arange(len(bars.effects))
+    shown = bars.effects
+    rows = np.arange(len(bars.effects))
     unit, per_si = EFFECT_UNITS[unit_of(bars.of)]
     change = np.array([e.change for e in shown]) * per_si
     panel.barh(rows, change, color=np.where(change > 0, BLUE, ORANGE), height=0.7)
@@ -100,7 +101,8 @@ def scatter_page(ds: xr.Dataset, appearance: Appearance) -> Page[xr.Dataset]:
         appearance: The appearance asked for.
     """
     keys = [str(key) for key in ds["key"].to_numpy()]
-    title, height = fitting_title(str(ds.attrs.get("title", "")), keys), 0.3 * len(keys)
+    title = fitting_title(str(ds.attrs.get("title", "")), keys)
+    height = 0.3 * len(keys)
     panels = Panel("draws", _draw_draws, 2.0), Panel("shares", _draw_variance_shares, 0.4 + height)
     nothing = "" if np.isfinite(ds["P_d"]).any() else "every draw stopped"
     return Page(ds, panels, title, (COLUMN_WIDTH, 2.9 + height), finish=_add_scatter_legend, nothing=nothing)

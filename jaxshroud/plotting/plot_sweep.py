@@ -227,7 +227,8 @@ def _draw_curve_samples(panel: Axes, curve: Curve) -> None:
     values = np.broadcast_to(axis.values[:, None], x.shape)
     style: Properties = {"ms": 1.5 if motion.size > 100 else 2.5, "mew": 0, "rasterized": True}
     for i, color in enumerate(MOTION_COLOURS.values()):
-        lanes, alpha = motion == i, float(np.clip(5e4 / max(x.size, 1), 0.2, 1))
+        lanes = motion == i
+        alpha = float(np.clip(5e4 / max(x.size, 1), 0.2, 1))
         panel.plot(values[lanes].ravel(), x[lanes].ravel(), ".", color=color, alpha=alpha, **style)
     panel.set(xlabel=axis.label, ylabel=scale.label(first_blade(ds)))
     drawn = x[motion >= 0]
@@ -237,7 +238,8 @@ def _draw_curve_samples(panel: Axes, curve: Curve) -> None:
 def _draw_motion_cells(panel: Axes, x_edges: PlotArray, y_edges: PlotArray, motion: IntegerArray) -> None:
     """Cells coloured by period number; at stopped lanes the hatched background shows."""
     panel.patch.set(**STOPPED_STYLE)
-    cells, colors = np.ma.masked_less(motion, 0), ListedColormap(list(MOTION_COLOURS.values()))
+    cells = np.ma.masked_less(motion, 0)
+    colors = ListedColormap(list(MOTION_COLOURS.values()))
     panel.pcolormesh(x_edges, y_edges, cells, cmap=colors, vmin=-0.5, vmax=len(MOTION_COLOURS) - 0.5, rasterized=True)
 
 
@@ -263,7 +265,8 @@ def _draw_curve_power(panel: Axes, curve: Curve) -> None:
     ds, axis, motion, _ = curve
     P_d, ci = (np.where(motion >= 0, ds[key].to_numpy(), np.nan) for key in ("P_d", "P_d_ci"))
     settled = ((ds["P_d_settled"] == 1) & (ds["settled"] == 1)).to_numpy()
-    aperiodic, many = settled & (ds["period_number"] == 0).to_numpy(), motion.size > 100
+    aperiodic = settled & (ds["period_number"] == 0).to_numpy()
+    many = motion.size > 100
     band = "95 % interval" if is_visible(ci, P_d) else None
     panel.fill_between(axis.values, *interval_ends(P_d, ci), color=BLUE, alpha=0.25, lw=0, label=band)
     panel.plot(axis.values, P_d, color=BLUE, lw=0.8, marker="" if many else ".", ms=3)

@@ -57,7 +57,8 @@ def robustness_part(robust: Summary) -> Page[Summary]:
     """The panels of robustness: one for each number, and one for the scatter; the last fills its row."""
     panels = [Panel(key, partial(_draw_loss, key=key)) for key in robust["intervals"]]
     panels += [Panel("scatter", _draw_P_d_scatter)] * bool(robust["scatter"])
-    across, rows = min(len(panels), ACROSS), ceil(len(panels) / ACROSS)
+    across = min(len(panels), ACROSS)
+    rows = ceil(len(panels) / ACROSS)
     panels[-1] = panels[-1]._replace(columns=across * rows - len(panels) + 1)
     size = COLUMN_WIDTH, 0.6 + ROBUST_HEIGHT * rows
     return Page(robust, panels, "", size, columns=across, finish=_explain_losses)
@@ -232,7 +233,9 @@ def _draw_paths(panel: Axes, tuning: TuningData) -> None:
 
 def _draw_keys(panel: Axes, tuning: TuningData) -> None:
     """The best path and its rounds of samples, each key on a scale from its lower to its upper bound."""
-    data, path, rounds = tuning.data, tuning.points[:, tuning.best], tuning.rounds
+    data = tuning.data
+    path = tuning.points[:, tuning.best]
+    rounds = tuning.rounds
     colors = [BLUE, ORANGE, PINK, SKY, INK, GREY]
     for i, (key, (low, high)) in enumerate(data["over"].items()):
         value = np.concatenate([path[:, i], rounds[1:, i]])

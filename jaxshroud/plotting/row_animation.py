@@ -79,7 +79,8 @@ class RowAnimation(Animation):
         self.places[1 : len(gaps) + 1] += factor * np.cumsum(gaps)
         self.largest_force = float(np.nanmax(frames["N"], initial=0.0)) if "N" in frames else 0.0
         extent = PER_MICRO * float(np.abs(frames["x"]).max()) or 1.0
-        self.norm, self.colours = Normalize(-extent, extent), mpl.colormaps[DISPLACEMENT_COLOURS]
+        self.norm = Normalize(-extent, extent)
+        self.colours = mpl.colormaps[DISPLACEMENT_COLOURS]
         left, right, low, high = self._limits
         height = min((high - low) / (right - left) * (WIDTH - BESIDE), TALLEST)
         self.figure = new_figure(title, WIDTH, height + MAP_HEIGHT + self.writing.room)
@@ -112,7 +113,8 @@ class RowAnimation(Animation):
         """Where points (..., 2) of the row are drawn; blade 0 of a ring is at the top, the others follow clockwise."""
         if not self.closed:
             return points
-        angle, distance = points[..., 0] / self._radius, self._radius * np.exp(points[..., 1] / self._radius)
+        angle = points[..., 0] / self._radius
+        distance = self._radius * np.exp(points[..., 1] / self._radius)
         return np.stack([distance * np.sin(angle), distance * np.cos(angle)], axis=-1)
 
     def _corners(self, frame: xr.Dataset, blade: int) -> PlotArray:
@@ -124,15 +126,18 @@ class RowAnimation(Animation):
         frames = [self.frames.isel(time=i) for i in range(self.frames.sizes["time"])]
         points = [_finer(self._corners(frame, blade)) for frame in frames for blade in range(frame.sizes["blade"])]
         drawn = self._drawn(np.concatenate(points))
-        (left, low), (right, high) = drawn.min(axis=0), drawn.max(axis=0)
+        left, low = drawn.min(axis=0)
+        right, high = drawn.max(axis=0)
         margin = FRAME_MARGIN * (right - left)
         return left - margin, right + margin, low - margin, high + margin
 
     def _mark_contacts(self, frame: xr.Dataset, corners: list[PlotArray]) -> None:
         """Mark the interfaces that touch, each at its contact point, or at each of its points that touch."""
-        touching, (N, mode) = self._touching(frame), ("N", "mode")
+        touching = self._touching(frame)
+        N, mode = ("N", "mode")
         if self.blocks.places is not None:
-            touching, (N, mode) = np.asarray(frame["point_mode"] != Mode.APART), ("point_N", "point_mode")
+            touching = np.asarray(frame["point_mode"] != Mode.APART)
+            N, mode = ("point_N", "point_mode")
             points = np.broadcast_to(self.blocks.places, touching.shape)
         else:
             interfaces = frame.sizes["interface"]
@@ -178,7 +183,8 @@ class RowAnimation(Animation):
 
     def _draw_map(self, panel: Axes) -> Line2D:
         """Draw the displacements of all blades over the time shown; the line of the present."""
-        t, x = self.frames["periods"].to_numpy(), PER_MICRO * self.frames["x"].to_numpy().T
+        t = self.frames["periods"].to_numpy()
+        x = PER_MICRO * self.frames["x"].to_numpy().T
         edges = np.arange(len(x) + 1) - 0.5
         panel.pcolormesh(np.append(t, 2 * t[-1] - t[-2]), edges, x, norm=self.norm, cmap=self.colours)
         panel.set(xlabel=TIME_LABEL, ylabel="blade")

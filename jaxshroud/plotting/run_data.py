@@ -56,11 +56,13 @@ def run_data(ds: xr.Dataset, settled_from: float = 0.5, scale: Scale | None = No
     ds = ds.isel(time=slice(0, int(not_finite.argmax()) if not_finite.any() else None))
     if ds.sizes["time"] < 2:
         return None
-    scale, steps = scale or scale_of(mean_gap(ds)), int(ds.attrs["steps_per_period"])
+    scale = scale or scale_of(mean_gap(ds))
+    steps = int(ds.attrs["steps_per_period"])
     t = _in_periods(ds, ds["time"].to_numpy())
     settled = t > t[0] + settled_from * (t[-1] - t[0]) + 1e-9  # without the sample that ends the transient
     ends = settled & (np.rint(t * steps) % steps == 0)
-    x, v = ds["x"].to_numpy() * scale.factor, ds["v_x"].to_numpy()[:, 0]
+    x = ds["x"].to_numpy() * scale.factor
+    v = ds["v_x"].to_numpy()[:, 0]
     return RunData(ds, scale, t, x, v, ds["mode"].to_numpy(), settled, ends, Fraction(steps, int(ds.attrs["every"])))
 
 
@@ -152,7 +154,8 @@ def contact_data(run: RunData, periods: int | None = None) -> ContactData:
             f"{max(int(ds.attrs['steps_per_period']) // FEWEST_SAMPLES, 1)}th step at most."
         )
     names = [name for name in CONTACT if name in ds.data_vars]
-    states, (begin, end) = with_events(ds, names), _last_periods(run.t, periods or run.repeats or APERIODIC)
+    states = with_events(ds, names)
+    begin, end = _last_periods(run.t, periods or run.repeats or APERIODIC)
     t = _in_periods(ds, states["time"].to_numpy())
     shown = (t > begin - 1e-9) & (t < end + 1e-9)
     values = {name: states[name].to_numpy()[shown] for name in names}

@@ -93,11 +93,13 @@ def unicode_text(text: str) -> str:
 
 def wrapped(text: str, width: int) -> str:
     """Text in lines of about `width` visible characters; formulas are not broken."""
-    lines, length = [""], 0
+    lines = [""]
+    length = 0
     for word in re.findall(r"(?:\\\$|\$(?:\\\$|[^$])*\$|[^\s$])+", text):
         size = _visible_length(word)
         if length and length + 1 + size > width:
-            lines, length = [*lines, ""], 0
+            lines = [*lines, ""]
+            length = 0
         lines[-1] += f" {word}" if length else word
         length += size + (length > 0)
     return "\n".join(lines)
@@ -115,7 +117,8 @@ def fit_title(panel: Axes) -> None:
     if not text:
         return
     title = panel.set_title(text, loc=location)
-    room, letters = TITLE_ROOM * panel.get_window_extent().width, _visible_length(text)
+    room = TITLE_ROOM * panel.get_window_extent().width
+    letters = _visible_length(text)
     while title.get_window_extent().width > room and letters > FEWEST_LETTERS:
         letters -= 1
         title.set_text(wrapped(text, letters))
@@ -248,7 +251,8 @@ class Picture(Figure):
 
 def new_figure(title: str, width: float, height: float, appearance: Appearance = DEFAULT_APPEARANCE) -> Figure:
     """An empty figure of `width` by `height` [inch], or of the width that the appearance asks for."""
-    width, title = appearance.inches(width), typeset(title if appearance.title is None else as_is(appearance.title))
+    width = appearance.inches(width)
+    title = typeset(title if appearance.title is None else as_is(appearance.title))
     figure = Picture(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     if title:
@@ -322,7 +326,8 @@ def save_figure(figure: Figure, *paths: str | os.PathLike[str]) -> None:
 @contextmanager
 def _laid_out(figure: Figure) -> Iterator[None]:
     """Within, the figure keeps one layout: with a layout engine, matplotlib draws every file twice."""
-    engine, dots = figure.get_layout_engine(), figure.dpi
+    engine = figure.get_layout_engine()
+    dots = figure.dpi
     with mpl.rc_context(STYLE | NO_LAYOUT):
         try:
             if engine is not None and figure.axes:  # as in `Figure.draw`

@@ -210,7 +210,8 @@ def share_interval(count: np.ndarray, total: int) -> tuple[np.ndarray, np.ndarra
     from scipy.special import betaincinv
 
     count = np.asarray(count, float)
-    inner_low, inner_high = np.maximum(count, 1), np.minimum(count, total - 1)
+    inner_low = np.maximum(count, 1)
+    inner_high = np.minimum(count, total - 1)
     low = np.where(count > 0, betaincinv(inner_low, total - inner_low + 1, 0.025), 0.0)
     high = np.where(count < total, betaincinv(inner_high + 1, total - inner_high, 0.975), 1.0)
     return low, high

@@ -263,7 +263,8 @@ class Branch(WithAmplitudes, Result):
         return picture(self.stored_as, self.data, ax, panel, over=None if over is None else over.data, **options)
 
     def __repr__(self) -> str:
-        n, kinds = len(self.ends), [one.kind for one in self.special]
+        n = len(self.ends)
+        kinds = [one.kind for one in self.special]
         counts = [(kinds.count(kind), kind) for kind in BIFURCATION_KINDS[1:]]
         special = ", ".join(f"{count} {kind}" for count, kind in counts if count) or "no special point"
         return (

@@ -32,9 +32,21 @@ class Swept(Protocol):
     """What is read of a sweep here, beside the amplitudes and reductions that are asked for by name."""
 
     data: "xr.Dataset"
-    status: np.ndarray
-    settling: np.ndarray
-    coexisting: np.ndarray | None
+
+    @property
+    def status(self) -> Any:
+        """How each lane has ended."""
+        ...
+
+    @property
+    def settling(self) -> Any:
+        """The verdict on each lane's transient."""
+        ...
+
+    @property
+    def coexisting(self) -> Any:
+        """Where motions coexist; None where that was not looked for."""
+        ...
 
     @property
     def axes(self) -> dict[str, np.ndarray]:
@@ -131,9 +143,11 @@ def smallest_reduction(swept: Swept, name: str) -> dict[str, Any] | None:
     if not np.isfinite(values).any():
         return None
     lane = _lane_of(-values)
-    ci, place = float(getattr(swept, f"{name}_ci")[lane]), _place(swept, lane)
+    ci = float(getattr(swept, f"{name}_ci")[lane])
+    place = _place(swept, lane)
     worse = ": contact makes it worse" if _is_worse(swept, lane) else ""
-    number, transient = with_interval(float(values[lane]), ci, "%"), TRANSIENTS.get(int(swept.settling[lane]), "")
+    number = with_interval(float(values[lane]), ci, "%")
+    transient = TRANSIENTS.get(int(swept.settling[lane]), "")
     return {
         "words": f"{number}{place_words(place)}{transient}{worse}",
         name: float(values[lane]),
@@ -152,7 +166,8 @@ def _is_worse(swept: Swept, lane: tuple[int, ...]) -> bool:
 def passed_sides(swept: Swept) -> Iterator[str]:
     """A line for each displacement whose amplitude passes the side of a block."""
     for name, key in SIDES.items():
-        peaks, side = getattr(swept, f"{name}_peak"), _number_of_lanes(swept, key)
+        peaks = getattr(swept, f"{name}_peak")
+        side = _number_of_lanes(swept, key)
         if peaks is None or side is None:
             continue
         levels = np.where(swept.status == Status.OK, np.nanmax(peaks, axis=-1, initial=0.0), 0.0)

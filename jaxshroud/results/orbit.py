@@ -147,7 +147,8 @@ class Orbit(WithAmplitudes, Result):
         """The scene, or all scenes with leading axes."""
         from jaxshroud.io.scene_numbers import scenes_from_dataset
 
-        shape, precision = np.shape(self.q), self.march_choices.precision
+        shape = np.shape(self.q)
+        precision = self.march_choices.precision
         return scenes_from_dataset(self.data, shape, precision) if self.scenes is None else self.scenes
 
     @property
@@ -177,7 +178,8 @@ class Orbit(WithAmplitudes, Result):
 
         if not np.any(self.found):
             return None
-        lanes, modes = np.shape(self.q), self.end_mode if self.end_point_mode is None else self.end_point_mode
+        lanes = np.shape(self.q)
+        modes = self.end_mode if self.end_point_mode is None else self.end_point_mode
         end = from_vector(self.end, modes, self.end_case, self.scene.layout, self.scene.points)
         by_numbers = (np.empty((*lanes, self.data.sizes[name], 0)) for name in ("component", "blade"))
         return Tangents(end, self.end, self.mean_square, self.status, self.M, self.power_by_start, *by_numbers)
@@ -278,7 +280,9 @@ def _orbit_row(cycle: "PeriodicOrbit") -> dict[str, Any]:
     """The values of one lane, NaN where there is no orbit."""
     start, jacobian = cycle.start, cycle.jacobian
     end = start if jacobian is None else jacobian.end
-    size, blades, dtype = len(cycle.multipliers), len(cycle.P), np.asarray(start.u_s).dtype
+    size = len(cycle.multipliers)
+    blades = len(cycle.P)
+    dtype = np.asarray(start.u_s).dtype
 
     def nans(*shape):
         return np.full(shape, np.nan, dtype)

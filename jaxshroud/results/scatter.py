@@ -120,7 +120,8 @@ class Scatter(Result):
         return json_values({**numbers, "over": shares, "method": str(self.method), **self.source})
 
     def __repr__(self) -> str:
-        requirement, unit = "", unit_of(self.quantity)
+        requirement = ""
+        unit = unit_of(self.quantity)
         if self.at_least is not None:
             requirement = f"; at least {self.at_least:g} % with probability {self.chance}"
         shares = ", ".join(f"{key} {share:.2g}" for key, share in zip(self.keys, self.total, strict=True))

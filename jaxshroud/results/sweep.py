@@ -157,7 +157,8 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
     @property
     def too_few_periods(self) -> str:
         """What to say where too few periods are kept to judge whether aperiodic motions have settled; else empty."""
-        unjudged, of_runs = self.unjudged, f"of {np.sum(self.status == Status.OK)} runs"
+        unjudged = self.unjudged
+        of_runs = f"of {np.sum(self.status == Status.OK)} runs"
         return too_few_periods_text(int(unjudged.sum()), of_runs, np.max(self.periods_to_keep[unjudged], initial=0.0))
 
     @property
@@ -168,7 +169,9 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
 
     def summary(self) -> dict[str, JSONValue]:
         """The sweep in a few numbers, as `summary.json` holds them."""
-        ok, residual, dropped = self.status == Status.OK, self.energy_residual, self.energy_dropped
+        ok = self.status == Status.OK
+        residual = self.energy_residual
+        dropped = self.energy_dropped
         P_d = np.where(ok, self.P_d, np.nan)
         positive = None if self.lyapunov is None else int((self.lyapunov - self.lyapunov_ci > 0).sum())
         numbers, counts = np.unique(self.period_number[ok], return_counts=True)
@@ -356,5 +359,6 @@ def lane_motions(data: "xr.Dataset", sizes: Sequence[float]) -> list[SweptMotion
     order = data.transpose(*data["status"].dims, "period", "blade", ...)
     scaled = [order[name].to_numpy() / size for name, size in zip(Motion._fields, sizes, strict=True)]
     points = np.concatenate(scaled, axis=-1)
-    numbers, settling = data["period_number"].to_numpy(), data["settling"].to_numpy()
+    numbers = data["period_number"].to_numpy()
+    settling = data["settling"].to_numpy()
     return [SweptMotion(p, int(q), bool(v != UNSETTLED)) for p, q, v in zip(points, numbers, settling, strict=True)]

@@ -162,7 +162,8 @@ class DesignTable(WithAmplitudes, WithLoads, Result):
     @property
     def static_deflection(self) -> str:
         """One sentence where a static deflection makes P_d of a row differ from that of the vibration; else empty."""
-        P_d, counted = np.where(self.status == Status.OK, self.P_d, np.nan), str(self.by)
+        P_d = np.where(self.status == Status.OK, self.P_d, np.nan)
+        counted = str(self.by)
         return told_difference(P_d, self.P_d_vibration, counted if is_reduction(counted) else "P_d")
 
     def _best_row(self) -> dict[str, object] | None:

@@ -76,7 +76,9 @@ class Trade(Result):
     @property
     def front(self) -> list[int]:
         """The indices of the Pareto front of cost and error, the cheapest setting first."""
-        smallest, front, errors = np.inf, [], [one.error for one in self]
+        smallest = np.inf
+        front = []
+        errors = [one.error for one in self]
         for i in np.argsort(self.cost, kind="stable").tolist():
             if errors[i] < smallest:
                 smallest = errors[i]

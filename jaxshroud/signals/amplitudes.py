@@ -49,7 +49,8 @@ def amplitude_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict
     """
     if samples.moments is None or samples.extent is None:
         return {}
-    counted, time = counted_periods(samples, number), math.tau / np.asarray(scenes.drive.omega, float)
+    counted = counted_periods(samples, number)
+    time = math.tau / np.asarray(scenes.drive.omega, float)
     shares = (counted / counted.sum(axis=-1, keepdims=True) / time[:, None])[:, None]
 
     mean, square = ([np.sum(shares * _by_period(a), axis=-1) for a in moment] for moment in samples.moments)
@@ -70,7 +71,8 @@ def amplitude_intervals(scenes: Scene, samples: Sample, number: np.ndarray) -> d
     """
     if samples.moments is None:
         return {}
-    period, unit = math.tau / np.asarray(scenes.drive.omega, float), float(np.finfo(scenes.drive.omega.dtype).eps)
+    period = math.tau / np.asarray(scenes.drive.omega, float)
+    unit = float(np.finfo(scenes.drive.omega.dtype).eps)
     values = {}
     for name, mean, square in zip(DISPLACEMENTS, *samples.moments, strict=True):
         first, second = (_by_period(a) / period[:, None, None] for a in (mean, square))
@@ -107,7 +109,8 @@ def _by_period(values: np.ndarray) -> np.ndarray:
 
 def counted_periods(samples: Sample, number: np.ndarray) -> np.ndarray:
     """Which periods count, (lanes, periods): the latest whole orbits."""
-    n, q = np.shape(samples.power)[1], np.maximum(number, 1)
+    n = np.shape(samples.power)[1]
+    q = np.maximum(number, 1)
     return np.arange(n) >= (n - n // q * q)[:, None]
 
 
@@ -170,7 +173,8 @@ def load_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict[str,
     """
     if samples.forces is None:
         return {}
-    period, counted = math.tau / np.asarray(scenes.drive.omega, float)[:, None], counted_periods(samples, number)
+    period = math.tau / np.asarray(scenes.drive.omega, float)[:, None]
+    counted = counted_periods(samples, number)
 
     def mean(a):
         return counted_mean(a, counted)
@@ -180,7 +184,8 @@ def load_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict[str,
 
     N, N_slip, time_slip, slip = map(mean, samples.loads)
     impacts = mean(samples.impacts.number)
-    own, mu = scenes.parts.contact == "own", np.asarray(scenes.friction.mu, float).reshape(len(period), -1)
+    own = scenes.parts.contact == "own"
+    mu = np.asarray(scenes.friction.mu, float).reshape(len(period), -1)
     work = mean(samples.friction)
     N_max, F_max = map(largest, samples.forces)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -233,7 +238,8 @@ def levels_of(of: Quantity, scenes: Scene, samples: Sample) -> Levels:
         value = power_reduction(power.P, P_0).min(axis=1)
         return Levels(value, np.full_like(value, np.nan), motion.number)
     of_blades = amplitude_values(scenes, samples, motion.number)[of][:, counts]
-    value, blade = of_blades.max(axis=1), of_blades.argmax(axis=1)[:, None]
+    value = of_blades.max(axis=1)
+    blade = of_blades.argmax(axis=1)[:, None]
     ci = np.full_like(of_blades, np.nan)
     if amplitude.measure == "rms":
         ci = amplitude_intervals(scenes, samples, motion.number)[f"{of}_ci"][:, counts]
@@ -251,12 +257,14 @@ def _peak_half_width(name: str, samples: Sample, number: np.ndarray) -> np.ndarr
     i = DISPLACEMENTS.index(name)
     high, low = (np.moveaxis(np.asarray(part[i], float), 1, -1) for part in samples.extent)
     swing = (high - low) / 2
-    n, half = swing.shape[-1], np.full(swing.shape[:-1], np.nan)
+    n = swing.shape[-1]
+    half = np.full(swing.shape[:-1], np.nan)
     for q in np.unique(number):
         stretches = min(PEAK_STRETCHES, n // max(int(q), 1))
         if stretches < 2:
             continue
-        lanes, length = np.flatnonzero(number == q), n // stretches // max(int(q), 1) * max(int(q), 1)
+        lanes = np.flatnonzero(number == q)
+        length = n // stretches // max(int(q), 1) * max(int(q), 1)
         largest = swing[lanes][..., n - stretches * length :].reshape(len(lanes), -1, stretches, length).max(axis=-1)
         spread = largest.std(axis=-1, ddof=1) * np.sqrt(1 + 1 / stretches)
         half[lanes] = t_quantile(stretches - 1) * spread
@@ -274,11 +282,13 @@ def free_level(of: Quantity, scene: Scene) -> float:
     amplitude = amplitude_of(of)
     if amplitude is None:
         return float(np.asarray(free_power(scene))[scene.layout.counting].sum())
-    name, lane = amplitude.displacement, one_lane(without_given(scene))
+    name = amplitude.displacement
+    lane = one_lane(without_given(scene))
     of_blades = (
         _free_means(lane, name) if amplitude.measure == "mean" else free_amplitudes(lane, (name,))[free_name(of)]
     )
-    own, of_block = float(counted_amplitude(np.abs(of_blades), scene.layout)[0]), block_level(amplitude, scene)
+    own = float(counted_amplitude(np.abs(of_blades), scene.layout)[0])
+    of_block = block_level(amplitude, scene)
     return own if own > UNDRIVEN * of_block else of_block
 
 

@@ -334,7 +334,8 @@ def averages(
     orbit = repetition(
         displacements(samples), period_maxima(samples).max(axis=-2), lever, period_tol, scenes.drive.omega.dtype
     )
-    square, positions = samples.power, positions_of(scenes, samples)
+    square = samples.power
+    positions = positions_of(scenes, samples)
     vibration = None if positions is None else VibrationPower(square, positions, A)
     power = reduction(A[:, None, None] * square, P_0, orbit.number, scenes.layout, vibration)
     return orbit, _with_rounding(power, float(np.finfo(scenes.drive.omega.dtype).eps)), P_0

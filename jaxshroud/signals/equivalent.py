@@ -103,7 +103,8 @@ def equivalent_values(
 
 def linear_blades(scenes: Scene, i: int) -> LinearBlades:
     """The blades of one of many scenes (leading axis)."""
-    b, drive = scenes.running_blades, jax.tree.map(lambda a: np.asarray(a, float)[i], scenes.drive)
+    b = scenes.running_blades
+    drive = jax.tree.map(lambda a: np.asarray(a, float)[i], scenes.drive)
     first, mean = drive.harmonics().get(1), drive.harmonics().get(0)
 
     def stacked(*columns):
@@ -177,7 +178,8 @@ def mean_motion(rows: np.ndarray, steps: int, omega: float) -> HarmonicMotion:
 
 def equivalent_contact(blades: LinearBlades, rows: np.ndarray, steps: int) -> Equivalent:
     """The equivalents of the contact of a motion (1 + periods steps, 12)."""
-    motion, mean = first_harmonics(rows, steps, blades.omega), mean_motion(rows, steps, blades.omega)
+    motion = first_harmonics(rows, steps, blades.omega)
+    mean = mean_motion(rows, steps, blades.omega)
     on_left, pressing = _contact_force(blades, motion, blades.drive), _contact_force(blades, mean, blades.mean)
     least = NEGLIGIBLE_FORCE * max(np.abs(blades.drive).max(), np.abs(blades.mean).max())
     oscillates, presses = (np.abs(force).max() > least for force in (on_left, pressing))
@@ -186,7 +188,8 @@ def equivalent_contact(blades: LinearBlades, rows: np.ndarray, steps: int) -> Eq
         along = _relative_motion(blades, motion.q)
         force = -(blades.axes @ on_left) if oscillates else np.zeros(2)
         np.divide(force, along, out=K, where=np.isfinite(along))
-    k, c = np.real(K), np.imag(K) / blades.omega
+    k = np.real(K)
+    c = np.imag(K) / blades.omega
     return Equivalent(bool(oscillates or presses), k, c, relative_damping_ratio(blades, k, c))
 
 

@@ -24,7 +24,9 @@ STEADY_RATIO = 0.6  # ratio of late to early return errors: above it nothing con
 PREDICTION_ORDER, PREDICTION_ERROR = 8, 0.1
 # A motion passes by what is no orbit where each return is further on by so much of the mean step, and in all, in
 # tolerances, by more than rounding, while the steps shrink more slowly than any decay that is waited for.
-STEADY_SHARE, NEGLIGIBLE_MOVE, SLOWEST_DECAY = 0.8, 1e-9, 1 - REMAINING_FACTOR / MAX_DECAY_BLOCKS
+STEADY_SHARE = 0.8
+NEGLIGIBLE_MOVE = 1e-9
+SLOWEST_DECAY = 1 - REMAINING_FACTOR / MAX_DECAY_BLOCKS
 MAX_MEAN_SHIFT = 1.5  # largest difference of the halves of a stationary run, in half widths of its interval
 
 
@@ -152,7 +154,9 @@ def _return_errors(scaled: FloatArray, q: int) -> FloatArray:
 
 def _aperiodic_settling(samples: FloatArray, scaled: FloatArray) -> Settling:
     n = samples.shape[1]
-    shrinks, early, half = np.full(len(samples), np.inf), np.full(len(samples), np.nan), 0
+    shrinks = np.full(len(samples), np.inf)
+    early = np.full(len(samples), np.nan)
+    half = 0
     for p in range(1, LARGEST_PERIOD + 1):
         if n - p < MIN_PERIODS // 2:
             break
@@ -270,7 +274,8 @@ def repetition(
 
 def _repetition_of(samples: FloatArray, near: FloatArray) -> Repetition:
     lanes, (n, k) = samples.shape[:-2], samples.shape[-2:]
-    flat, close = samples.reshape(-1, n, k), near.reshape(-1, 1, k)
+    flat = samples.reshape(-1, n, k)
+    close = near.reshape(-1, 1, k)
     number = np.zeros(len(flat), np.int32)
     still_open = np.flatnonzero(np.isfinite(flat).all(axis=(1, 2)))  # a stopped lane has NaN
     for q in range(1, _largest_period(n) + 1):
@@ -286,7 +291,7 @@ def _repetition_of(samples: FloatArray, near: FloatArray) -> Repetition:
             found = settling(flat[lanes_with_q], close[lanes_with_q, 0], int(q))
             verdict[lanes_with_q], more[lanes_with_q] = found.verdict, found.periods_more
             to_keep[lanes_with_q] = found.to_keep
-    settled = Settling(*(a.reshape(lanes) for a in (verdict, more, to_keep)))
+    settled = Settling(verdict=verdict.reshape(lanes), periods_more=more.reshape(lanes), to_keep=to_keep.reshape(lanes))
     return Repetition(number.astype(np.int32).reshape(lanes), settled)
 
 

@@ -78,7 +78,8 @@ def repeats_after(
     Returns:
         1 to `largest`, or 0 where the signal does not repeat (or has a NaN).
     """
-    x, rate = _as_series(signal), _sampling_rate(samples_per_period)
+    x = _as_series(signal)
+    rate = _sampling_rate(samples_per_period)
     if x.size == 0:
         return 0
     largest_difference = tolerance * np.abs(x).max()

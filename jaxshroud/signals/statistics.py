@@ -51,7 +51,8 @@ def orbit_means(series: FloatArray, q: int) -> FloatArray:
 
 def _standard_errors(series: FloatArray, q: int) -> list[tuple[int, FloatArray]]:
     """The numbers of batches, and the standard error of the mean (lanes,) by each."""
-    orbits, estimates = series.shape[-1] // q, []
+    orbits = series.shape[-1] // q
+    estimates = []
     for length in sorted({orbits // min(m, max(orbits, 1)) for m in BATCH_COUNTS} - {0}):
         means = orbit_means(series, length * q)
         batches = means.shape[-1]
@@ -136,7 +137,8 @@ def _estimates(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """First and total indices (keys, resamples) from values (2 + keys, resamples, n); 0 where nothing varies."""
     A, B, mixed = values[0], values[1], values[2:]
     outputs = np.concatenate([A, B], axis=-1)
-    middle, variance = outputs.mean(axis=-1, keepdims=True), outputs.var(axis=-1)
+    middle = outputs.mean(axis=-1, keepdims=True)
+    variance = outputs.var(axis=-1)
     variance = np.where(variance > 0, variance, np.inf)
     first = np.mean((B - middle) * (mixed - A), axis=-1) / variance
     return first, np.mean((A - mixed) ** 2, axis=-1) / (2 * variance)

@@ -83,7 +83,8 @@ def wave_distance(q: FloatArray, per_period: int, periods: int, order: int, shif
         order: The engine order, modulo N.
         shifts: The `closing_shifts` of waves of so many periods; none where the motion does not repeat.
     """
-    blades, count = q.shape[-1], per_period * periods
+    blades = q.shape[-1]
+    count = per_period * periods
     waves = np.fft.fft2(np.asarray(q, float)[-count:]) / (count * blades)
     square = np.abs(waves[: (count + 1) // 2]) ** 2
     static = square[0, 1:].sum()
@@ -159,7 +160,8 @@ def row_wave(motion: Mapping[str, FloatArray], per_period: float, order: int | N
         order: The engine order modulo N; None where the drive has none.
         repeats: Drive periods after which the motion repeats, where they are known.
     """
-    count, samples = round(per_period), len(next(iter(motion.values())))
+    count = round(per_period)
+    samples = len(next(iter(motion.values())))
     if order is None:
         return without_wave("the phases of the drive are those of no engine order")
     if not all(np.isfinite(q).all() for q in motion.values()):
@@ -216,14 +218,18 @@ class LargestAmplitude(NamedTuple):
 def largest_amplitudes(found: RowResponses, values: FloatArray) -> LargestAmplitude:
     """The largest amplitude over blades, `values` and directions of each pattern; of a linear row, between them too."""
     amplitude = np.where(np.isfinite(found.amplitude), found.amplitude, -np.inf)
-    n, rows = len(amplitude), np.arange(len(amplitude))
+    n = len(amplitude)
+    rows = np.arange(len(amplitude))
     flat = amplitude.reshape(n, -1)
     direction, index, blade = (np.asarray(i) for i in np.unravel_index(flat.argmax(axis=1), amplitude.shape[1:]))
-    top, value, of_blades = flat.max(axis=1), values[index], found.amplitude[rows, direction, index]
+    top = flat.max(axis=1)
+    value = values[index]
+    of_blades = found.amplitude[rows, direction, index]
     beside = _beside(amplitude[rows, direction, :, blade], index)
     if found.peak is not None and found.peak_value is not None:
         higher = found.peak.max(axis=1) >= top
-        top, value = np.maximum(top, found.peak.max(axis=1)), np.where(higher, found.peak_value, value)
+        top = np.maximum(top, found.peak.max(axis=1))
+        value = np.where(higher, found.peak_value, value)
         blade = np.where(higher, found.peak.argmax(axis=1), blade)
         of_blades = np.where(higher[:, None], found.peak, of_blades)
     return LargestAmplitude(
@@ -241,7 +247,8 @@ def largest_amplitudes(found: RowResponses, values: FloatArray) -> LargestAmplit
 
 def _beside(of_blade: FloatArray, index: np.ndarray) -> FloatArray:
     """The larger of the amplitudes (n, values) at both neighbours of each index."""
-    padded, rows = np.pad(of_blade, ((0, 0), (1, 1)), constant_values=-np.inf), np.arange(len(index))
+    padded = np.pad(of_blade, ((0, 0), (1, 1)), constant_values=-np.inf)
+    rows = np.arange(len(index))
     return np.maximum(padded[rows, index], padded[rows, index + 2])
 
 

@@ -44,7 +44,8 @@ def lines_of_speeds(
     Raises:
         InputError: A stiffness is negative at the end of the range.
     """
-    blades, growth = system_in_float64(system), growth_of(arrays)
+    blades = system_in_float64(system)
+    growth = growth_of(arrays)
     _check_end(arrays, ends[1])
     pressed = [] if all(mode.contact == "apart" for mode in modes) else pressed_speeds(arrays, system, ends)
     changes = np.array([end for one in pressed for end in one])
@@ -82,8 +83,10 @@ def growth_of(arrays: Scene) -> Growth:
 
 def pressed_speeds(arrays: Scene, system: LinearContact, ends: tuple[float, float]) -> list[tuple[float, float]]:
     """The ranges of speeds within `ends` in which all faces are pressed together at rest; see `lines_of_speeds`."""
-    blades, growth = system_in_float64(system), growth_of(arrays)
-    s, mean = arrays.shroud, arrays.drive.harmonics().get(0)
+    blades = system_in_float64(system)
+    growth = growth_of(arrays)
+    s = arrays.shroud
+    mean = arrays.drive.harmonics().get(0)
     loads = np.zeros(len(blades.mass)) if mean is None else np.concatenate([mean.F_x, mean.F_y, mean.M_0])
     gap = np.atleast_1d(s.gap).astype(float)
     slope = (

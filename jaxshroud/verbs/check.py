@@ -127,8 +127,10 @@ def _at_interfaces(arrays: Scene, k: np.ndarray, approach: np.ndarray, slide: np
 def _modes_in_flow(arrays: Scene, system: LinearContact) -> tuple[FlowMode, ...]:
     """The modes of a row in a flow."""
     assert arrays.row is not None  # which scenes with forces of the flow have
-    row, aero = jax.tree.map(lambda a: a if a.dtype == bool else a.astype(float), system), arrays.aero
-    count, omega = arrays.row.blades, float(arrays.drive.omega)
+    row = jax.tree.map(lambda a: a if a.dtype == bool else a.astype(float), system)
+    aero = arrays.aero
+    count = arrays.row.blades
+    omega = float(arrays.drive.omega)
     after = np.eye(count, k=1) + (np.eye(count, k=1 - count) if arrays.row.closed else 0)
     parts = ((aero.L0_im, np.eye(count)), (aero.L1_im, after), (aero.L_1_im, after.T))
     flow = sum((float(L) / omega * to for L, to in parts if L is not None), np.zeros((count, count)))
@@ -145,7 +147,8 @@ def _over_speed(
 ) -> dict[str, Any]:
     """The fields of the data sheet on engine orders, from the arguments of `check`."""
     start, stop = ends
-    own, omega = engine_order_of(scene), float(scene.drive.omega)
+    own = engine_order_of(scene)
+    omega = float(scene.drive.omega)
     orders = _checked_orders(given, own)
     drive_order = own or orders[0]
     excited = [n for n in scene.drive.harmonics() if n > 0]
@@ -193,7 +196,8 @@ def _free_and_touching(
 
 
 def _motion_apart(scene: Scene) -> FreeMotion:
-    free, sines = steady_amplitudes(scene), {n: one for n, one in scene.drive.harmonics().items() if n > 0}
+    free = steady_amplitudes(scene)
+    sines = {n: one for n, one in scene.drive.harmonics().items() if n > 0}
     loads = {name: {n: lax.complex(*one.parts(name)[:2]) for n, one in sines.items()} for name in COORDINATES}
     shifts = {n: (x, y) for (n, x), y in zip(waves_of(free, "x").items(), waves_of(free, "y").values(), strict=True)}
     faces = {n: _motion_of_faces(x, y, scene.shroud.alpha, scene.layout.interfaces) for n, (x, y) in shifts.items()}
@@ -243,7 +247,8 @@ def _displaced_by_interference(system: LinearContact, gaps: np.ndarray, alpha: f
     bends = system.moves & (np.arange(len(system.moves)) < 2 * len(system.moves) // 3)
     of_each = len(system.k) // len(gaps)  # one, or as many as a face has points
     depth = np.repeat(np.maximum(-gaps, 0.0), of_each) * math.sin(alpha)
-    v_q, k = system.v_q[:, bends], np.where(depth > 0, system.k, 0.0)
+    v_q = system.v_q[:, bends]
+    k = np.where(depth > 0, system.k, 0.0)
     displacement = np.zeros(len(system.moves))
     stiffness = system.own_stiffness[np.ix_(bends, bends)] + v_q.T @ (k[:, None] * v_q)
     displacement[bends] = np.linalg.solve(stiffness, -v_q.T @ (k * depth))

@@ -239,11 +239,9 @@ def compute_on_workers(
     import cloudpickle
     from distributed import as_completed
 
-    jax_settings, waiting, done = (
-        thread_settings() | {"default_device": None},
-        iter(chains),
-        as_completed(loop=client.loop),
-    )
+    jax_settings = thread_settings() | {"default_device": None}
+    waiting = iter(chains)
+    done = as_completed(loop=client.loop)
     compute_remotely = _worker_function()
     in_progress: dict[Future, tuple[Chain, BlockTask]] = {}
 

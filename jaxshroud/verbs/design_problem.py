@@ -120,7 +120,8 @@ def problem_of(
     """
     check_bounds(over, scene)
     check_objective(of, scene)
-    free, amplitude = free_level(of, scene), amplitude_of(of)
+    free = free_level(of, scene)
+    amplitude = amplitude_of(of)
     scale = max(block_level(amplitude, scene) / free, 1.0) if amplitude is not None and free > 0 else 1.0
     compared = {"of": of, "free": free, "scale": scale}
     shared = set(over) & set(conditions)

@@ -98,12 +98,14 @@ def motion_of_row(
 def _evidence(scenes: Scene, states: State, march: MarchPlan, transient: int, progress: Progress | None) -> RowEvidence:
     """Runs twice as long each until the motion has settled, and a nearby run."""
     most = transient + (2**ROUNDS - 1) * FIRST_STRETCH + 2 * (ALIGNED + GROWTH_PERIODS)
-    ticker, done = Ticker(most, progress), 0
+    ticker = Ticker(most, progress)
+    done = 0
     plan = Plan(transient, FIRST_STRETCH, march.steps, 0.0, march.method)
     while True:
         runs = run_lanes(scenes, states, plan, ticker)
         done += plan.transient + plan.kept
-        states, status = final_states(runs.last.state), int(np.asarray(runs.last.status)[0])
+        states = final_states(runs.last.state)
+        status = int(np.asarray(runs.last.status)[0])
         orbit, power, P_0 = averages(scenes, runs.samples)
         is_last = plan.kept == 2 ** (ROUNDS - 1) * FIRST_STRETCH
         if is_last or status != Status.OK or orbit.settling.verdict[0] == SETTLED:
@@ -118,7 +120,8 @@ def _evidence(scenes: Scene, states: State, march: MarchPlan, transient: int, pr
 
 def _latest_series(scenes: Scene, runs: Runs, orbit: Repetition, P_0: np.ndarray) -> np.ndarray:
     """P_d of each period of the latest whole orbits [%]."""
-    series, q = period_reductions(scenes, runs.samples, P_0)[0], max(int(orbit.number[0]), 1)
+    series = period_reductions(scenes, runs.samples, P_0)[0]
+    q = max(int(orbit.number[0]), 1)
     return series[len(series) % q :]
 
 
@@ -136,7 +139,8 @@ def _sizes(scenes: Scene, runs: Runs) -> Motion:
 
 def _row_evidence(found: RowEvidence, run: Trajectory) -> dict[str, object]:
     """The verdict and what it rests on; waves are those of the run that is shown."""
-    q, power = int(found.orbit.number[0]), found.power
+    q = int(found.orbit.number[0])
+    power = found.power
     wave = Diagnosis(run.data.assign_attrs(period_number=q)).wave if run.closed else None
     verdict, reasons = _verdict(wave, found)
     n, P_d, ci = convergence(found.series, q)
@@ -164,7 +168,8 @@ def _row_evidence(found: RowEvidence, run: Trajectory) -> dict[str, object]:
 
 def _verdict(wave: RowWave | None, found: RowEvidence) -> tuple[str, list[str]]:
     """The kind of motion, and the reasons for it; `wave` is that of a ring."""
-    growth, q = found.growth, int(found.orbit.number[0])
+    growth = found.growth
+    q = int(found.orbit.number[0])
     if found.status != Status.OK:
         return "stopped", [f"the run ends with {Status(found.status).name}"]
     settled = found.orbit.settling.verdict[0] == SETTLED
@@ -284,7 +289,8 @@ def _settled_evidence(
     scene: Scene | SceneFile, precise: Scene, verdict: Verdict, march: MarchPlan
 ) -> dict[str, object]:
     """The exponents of all directions, the multipliers and the convergence of P_d of the settled motion."""
-    periods, settled = MIN_STORED_PERIODS if verdict.q else APERIODIC_PERIODS, verdict.evidence.last
+    periods = MIN_STORED_PERIODS if verdict.q else APERIODIC_PERIODS
+    settled = verdict.evidence.last
     spectrum = run_alone(lyapunov_exponents(precise, settled, periods, 0, march.steps, march.method))
     same_march = march.untried.again
     cycle = verdict.evidence.cycle if verdict.kind == "periodic" else None

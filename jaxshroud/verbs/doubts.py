@@ -47,7 +47,9 @@ def doubts_of(sheet: DataSheet, scene: Scene) -> Iterator[str]:
 def _torsion_doubts(sheet: DataSheet, scene: Scene) -> Iterator[str]:
     if "theta" not in sheet.coordinates:
         return
-    gap, corner, angle = abs(sheet.gap), max(sheet.corner), max(sheet.coordinates["theta"].amplitude)
+    gap = abs(sheet.gap)
+    corner = max(sheet.corner)
+    angle = max(sheet.coordinates["theta"].amplitude)
     inertia = max(sheet.inertia, key=lambda ratio: abs(np.log(ratio)))
     if scene.parts.contact != "none" and gap and corner > MAX_CORNER_GAPS * gap:
         turned = f"{corner * 1e3:.3g} mm, {corner / gap:.0f} gaps"
@@ -63,7 +65,8 @@ def advice_on(sheet: DataSheet, scene: Scene) -> Iterator[str]:
     """What may do better, and what a march does not see."""
     yield from _advice_on_points(sheet, scene)
     if asks_for_sector(scene):
-        n, N = sector_blades(scene), scene.layout.blades
+        n = sector_blades(scene)
+        N = scene.layout.blades
         unseen = f"motions in which blade i + {n} does not move as blade i are not seen, such as localised ones"
         yield f'row.sector = "auto" marches {n} of the {N} blades: {unseen}'
     slow = settling_advice(settling_periods(one_lane(without_given(scene))), scene.parts.contact != "none")
@@ -116,7 +119,8 @@ def _mean_load_doubts(sheet: DataSheet) -> Iterator[str]:
 def _interference_doubts(sheet: DataSheet) -> Iterator[str]:
     """Interference that displaces a block by more than a tenth of its free amplitude."""
     bent = [sheet.coordinates[name].amplitude for name in ("x", "y") if name in sheet.coordinates]
-    free, pressed = np.sqrt(np.sum(np.square(bent), axis=0)), np.array(sheet.pressed)
+    free = np.sqrt(np.sum(np.square(bent), axis=0))
+    pressed = np.array(sheet.pressed)
     beyond = pressed > MAX_PRESSED * free
     if np.any(beyond):
         at = int(np.argmax(np.where(beyond, pressed, 0.0)))
@@ -166,7 +170,8 @@ def _resonance_doubt(which: str, drive: float, modes: Sequence[NaturalMode]) -> 
     nearest = min(modes, key=lambda mode: abs(np.log(drive / mode.frequency)), default=None)
     if nearest is None:
         return
-    margin, name = drive / nearest.frequency - 1, f"{nearest.name}, {nearest.contact} ({nearest.frequency:.5g} Hz)"
+    margin = drive / nearest.frequency - 1
+    name = f"{nearest.name}, {nearest.contact} ({nearest.frequency:.5g} Hz)"
     if abs(margin) <= nearest.zeta < OVERDAMPED:
         band = f"half-power band, {2 * nearest.zeta:.2g} of the frequency"
         limit = "damping alone limits" if nearest.zeta else "nothing but contact limits"

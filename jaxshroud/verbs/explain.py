@@ -65,7 +65,8 @@ def explain(scene: Scene | SceneFile, method: Method | None = None) -> Explanati
         >>> told.events
         ('contact',)
     """
-    scene, method_choices = one_scene("explain", scene), FAST if method is None else choices(method)
+    scene = one_scene("explain", scene)
+    method_choices = FAST if method is None else choices(method)
     check_row(scene)
     stepping = stepping_method(scene, method_choices)
     size, full_size = _trial_sizes(scene, method_choices)

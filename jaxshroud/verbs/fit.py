@@ -137,7 +137,8 @@ def _estimated(
     problem: Problem, data: Measurements, model: FitModel, search: tuple[int, int, int], progress: Progress | None
 ) -> Estimated:
     """The best fit, with the profiles of its numbers."""
-    (scan, starts, seed), weighted = search, weighted_data(data)
+    scan, starts, seed = search
+    weighted = weighted_data(data)
     nodes = NODE_EVALUATIONS * len(problem.over)
     if isinstance(model, ResponseModel):
         points = first_points(problem, scan, seed)
@@ -148,7 +149,8 @@ def _estimated(
     draws = [first_points(problem, count, seed, n) for n in range(MOST_SEARCHES)]
     most = USUAL_SEARCHES * (evaluations_of_search(count) + 2 * starts * MOST_STEPS) + nodes
     counted = _Counted(model, most, progress)
-    misfit, rng = Misfit(counted, weighted, counted.skip), np.random.default_rng(seed)
+    misfit = Misfit(counted, weighted, counted.skip)
+    rng = np.random.default_rng(seed)
     found = estimate_of_history(misfit, data.at, draws, starts, rng, lambda found: _errs(found, model))
     return refined_fit(found, counted, model)
 
@@ -213,7 +215,10 @@ class _Counted:
     """A model whose evaluations are counted and reported."""
 
     def __init__(self, model: FitModel, most: int, progress: Progress | None):
-        self.model, self.done, self.most, self.progress = model, 0, most, progress
+        self.model = model
+        self.done = 0
+        self.most = most
+        self.progress = progress
 
     def __call__(self, points: np.ndarray, rows: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """What the model says."""

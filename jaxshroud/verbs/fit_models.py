@@ -97,7 +97,8 @@ class ResponseModel:
 
     def _orbits(self, points: np.ndarray) -> list[PeriodicOrbit | None]:
         scenes = in_precision(scenes_of(self.problem, self.problem.values(points)), self.aim.method.precision)
-        count, first = len(self.data.at), initial_states(scenes)
+        count = len(self.data.at)
+        first = initial_states(scenes)
 
         def lane(tree, i):
             return jax_lane_arrays(tree, (i,))

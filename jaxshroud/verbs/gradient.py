@@ -145,7 +145,8 @@ def gradient(
     numbered = [with_numbers(one, wrt) for one in resolved.scenes]
     numbers = [[level_of(one, key) for key in wrt] for one in numbered]
     lanes = RequestedLanes(resolved, with_tangents(resolved, resolved.lanes, FOR_P_D if is_reduction(of) else FAST))
-    throw, march = throw or not lanes.shape, lanes.march
+    throw = throw or not lanes.shape
+    march = lanes.march
     shooting = ShootingOptions(march.steps, CLOSING_TOLERANCE[march.method.precision], march.method)
     if is_linear(resolved.scene):
         return _linear_gradients(numbered, wrt, of, lanes, numbers, throw)

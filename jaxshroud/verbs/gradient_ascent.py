@@ -76,7 +76,8 @@ def ascent_paths(problem: Problem, u: np.ndarray, judged: DesignJudgement, updat
         return Paths(u[None], judged.score[None], np.zeros((1, len(u)), bool), ci)
     adam = optax.adam(1.0)
     optimizer_state = adam.init(jnp.asarray(u))
-    rate, score = np.full((len(u), 1), ADAM_STEP), judged.score
+    rate = np.full((len(u), 1), ADAM_STEP)
+    score = judged.score
     slope, is_exact = _slope(problem, u, judged, tick)
     points, scores, exact = [u], [score], [is_exact]
     for _ in range(updates):
@@ -87,7 +88,10 @@ def ascent_paths(problem: Problem, u: np.ndarray, judged: DesignJudgement, updat
         improved = np.flatnonzero(judged.score > score)
         rate = np.where(judged.score > score, 1.2 * rate.T, rate.T / 3).T
         if len(improved):
-            u, score, slope, is_exact = u.copy(), score.copy(), slope.copy(), is_exact.copy()
+            u = u.copy()
+            score = score.copy()
+            slope = slope.copy()
+            is_exact = is_exact.copy()
             u[improved], score[improved] = trial_u[improved], judged.score[improved]
             ci = np.where(judged.score >= score, problem.objective_ci(judged), ci)
             slope[improved], is_exact[improved] = _slope(
@@ -120,7 +124,8 @@ class Looked(NamedTuple):
     @property
     def worse(self) -> np.ndarray:
         """Which of them are worse than the best by more than their intervals, (n,)."""
-        ci, best = np.nan_to_num(self.ci), self.best
+        ci = np.nan_to_num(self.ci)
+        best = self.best
         with np.errstate(invalid="ignore"):  # of none that ran
             return self.score[best] - self.score > np.hypot(ci, ci[best])
 
@@ -164,7 +169,8 @@ def polish_design(
         trial_u = np.clip(u + width * random.standard_normal((POLISH_SAMPLES * len(u), len(u))), 0.0, 1.0)
         trial_scores = judge_designs(problem, problem.values(trial_u), tick).score
         if trial_scores.max() > score:
-            u, score = trial_u[trial_scores.argmax()], float(trial_scores.max())
+            u = trial_u[trial_scores.argmax()]
+            score = float(trial_scores.max())
         points.append(u)
         scores.append(score)
     return np.array(points), np.array(scores)
@@ -191,8 +197,11 @@ def exact_slopes(problem: Problem, u: np.ndarray, tick: Tick) -> tuple[np.ndarra
 
     For another quantity than P_d they are those of `Problem.reduction`; peaks have none.
     """
-    plan, keys, rows = problem.plan, list(problem.over), problem.runs
-    designs, rates = problem.values(u), problem.rates(u)
+    plan = problem.plan
+    keys = list(problem.over)
+    rows = problem.runs
+    designs = problem.values(u)
+    rates = problem.rates(u)
     scenes = in_precision(scenes_of(problem, designs), problem.plan.method.precision)
     n_lanes = len(u) * rows * len(keys)
 
@@ -319,7 +328,9 @@ def _perturbed_start(scene: Scene, random: np.random.Generator) -> State:
     Blades of a row, which in a ring cannot all move apart, have velocities that reach as far in a period; by a sector
     they repeat after its blades.
     """
-    blades, reach, at_rest = len(scene.initial.x), max(float(np.abs(scene.running_shroud.gap).max()), 1e-4), np.zeros(2)
+    blades = len(scene.initial.x)
+    reach = max(float(np.abs(scene.running_shroud.gap).max()), 1e-4)
+    at_rest = np.zeros(2)
     if scene.row is None:
         x, y = -reach * np.sort(random.random(2))[::-1] * [1, -1], reach * (random.random(2) - 0.5)
         motion = Motion(x, y, at_rest, at_rest, at_rest, at_rest)

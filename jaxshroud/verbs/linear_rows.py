@@ -53,7 +53,8 @@ def linear_problem(
         contact: The state of contact.
         tick: Called with the numbers of solutions that are done.
     """
-    amplitude, numbered = amplitude_of(row.of), with_numbers(row.scene, [row.along])
+    amplitude = amplitude_of(row.of)
+    numbered = with_numbers(row.scene, [row.along])
     assert amplitude is not None  # which `of` is
     cost = len(row.values) + sum(PEAK_NODES) + 1
 
@@ -72,7 +73,8 @@ def linear_problem(
         blocks = [_responses(patterns[i : i + AT_ONCE]) for i in range(0, len(patterns), AT_ONCE)]
         level, value, peak = (np.concatenate(a) for a in zip(*blocks, strict=True))
         lanes = (len(patterns), 1, len(row.values))
-        ended, settled = np.full(lanes, Status.OK, np.int32), np.ones(lanes, bool)
+        ended = np.full(lanes, Status.OK, np.int32)
+        settled = np.ones(lanes, bool)
         return RowResponses(amplitude=level[:, None], status=ended, settled=settled, peak_value=value, peak=peak)
 
     def _responses(patterns: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -148,7 +150,8 @@ def _peak_values(
     place = np.searchsorted(order, values[level.max(axis=-1).argmax(axis=1)])
     ends = order[np.maximum(place - 1, 0)], order[np.minimum(place + 1, len(order) - 1)]
     _, ends = _about_largest(ends, LOOK, NEAR_PEAK, _between(ends, PEAK_NODES[0], waves_at, levels))
-    at, value = _between(ends, PEAK_NODES[1], waves_at, levels), ends[0]
+    at = _between(ends, PEAK_NODES[1], waves_at, levels)
+    value = ends[0]
     for _ in range(CLOSER_LOOKS):
         value, ends = _about_largest(ends, ZOOM_VALUES, 1, at)
     return value
@@ -178,7 +181,8 @@ def _about_largest(
     ends: tuple[FloatArray, FloatArray], count: int, apart: int, at: Callable[[FloatArray], FloatArray]
 ) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
     """Of so many values between ends (n,) that with the largest amplitude of all blades, and those so far `apart`."""
-    fine, rows = np.linspace(*ends, count, axis=1), np.arange(len(ends[0]))
+    fine = np.linspace(*ends, count, axis=1)
+    rows = np.arange(len(ends[0]))
     k = at(fine).max(axis=-1).argmax(axis=1)
     return fine[rows, k], (fine[rows, np.maximum(k - apart, 0)], fine[rows, np.minimum(k + apart, count - 1)])
 
@@ -213,7 +217,8 @@ def _rms_candidates(waves: WavesByOrder) -> list[Candidate]:
 def _peak_candidates(waves: WavesByOrder) -> list[Candidate]:
     """The distances from their means at which the displacements of blades turn."""
     phase, course, rate = (np.asarray(a) for a in _turns(waves))
-    level, sign = np.abs(course), np.sign(course)
+    level = np.abs(course)
+    sign = np.sign(course)
     turns = (np.abs(rate) <= TURNED * level) | (level == level.max())
     return [
         (float(level[k, i]), int(i), {n: -1j * sign[k, i] * np.exp(1j * n * phase[k, i]) for n in waves})

@@ -247,7 +247,8 @@ def _in_closed_form(
     progress: Progress | None,
 ) -> tuple[RowResponses, _Run]:
     """The responses of linear rows, and how a search runs them; a solution counts as a lane of all periods."""
-    periods, done = resolved.n_periods + resolved.transient, [0]
+    periods = resolved.n_periods + resolved.transient
+    done = [0]
 
     def tick(solutions: int) -> None:
         done[0] += periods * solutions
@@ -288,7 +289,8 @@ def _marched(
 
 def _monte_carlo(row: MistunedRow, drawn: _Drawn) -> dict[str, Any]:
     """The values of the result that are not of a search."""
-    responses, designs = drawn.responses, len(drawn.designs)
+    responses = drawn.responses
+    designs = len(drawn.designs)
     top = largest_amplitudes(responses, row.values)
     if top.amplitude[0] == 0:
         raise InputError(f"{row.of} of the tuned row is 0, and nothing amplifies it; take another amplitude.")

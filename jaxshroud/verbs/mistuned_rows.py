@@ -134,9 +134,11 @@ def _ascend(
     Updates that do not raise the amplitude are undone, and the next step of that path is shorter.
     """
     top = problem.largest(patterns)
-    level, (slope, ties) = top.amplitude, problem.slopes(patterns, top)
+    level = top.amplitude
+    slope, ties = problem.slopes(patterns, top)
     spent = size.scan * problem.cost + len(patterns) * problem.slope_cost
-    radius, step = sigma * math.sqrt(patterns.shape[1]), np.full((len(patterns), 1), PATTERN_STEP)
+    radius = sigma * math.sqrt(patterns.shape[1])
+    step = np.full((len(patterns), 1), PATTERN_STEP)
     cost, levels = [spent], [level]
     for _ in range(size.updates):
         length = np.linalg.norm(slope, axis=1, keepdims=True)
@@ -260,7 +262,8 @@ def marched_problem(
         spent: Lane-periods done before.
         in_all: Lane-periods in all.
     """
-    periods, done = run["n_periods"] + run["transient"], [spent]
+    periods = run["n_periods"] + run["transient"]
+    done = [spent]
 
     def tick(lane_periods: int | float, _: int) -> None:
         if progress is not None:

@@ -50,7 +50,8 @@ def modes_of(
     blades = system_in_float64(system)
     driven = [(a.astype(float) + 1j * b.astype(float)) * blades.moves for a, b in loads.values()]
     words = words_for(arrays)
-    count, told = len(blades.mass) // 3, []
+    count = len(blades.mass) // 3
+    told = []
     for contact in contacts_of(arrays, k):
         told += words.told_once(modes_in(blades, contact, driven, words), contact, count)
     return tuple(told)
@@ -89,7 +90,8 @@ def modes_in(
 ) -> list[NaturalMode]:
     """All modes in one state of contact, the lowest first."""
     omega, zeta, shape = natural_modes(blades, contact)
-    energy, driven = shape**2 * blades.mass, drive_shares(shape, loads)
+    energy = shape**2 * blades.mass
+    driven = drive_shares(shape, loads)
     modes = []
     for i, own_shape in enumerate(shape):
         by_blade = energy[i].reshape(3, -1)
@@ -247,6 +249,7 @@ def _mode(root: complex, shape: np.ndarray, own_damping: np.ndarray, mass: np.nd
     def of_shape(matrix):
         return float(np.real(shape.conj() @ matrix @ shape))
 
-    zeta, omega = -root.real / abs(root), abs(root)
+    zeta = -root.real / abs(root)
+    omega = abs(root)
     of_dampers = of_shape(own_damping) / (2 * omega * of_shape(mass))
     return FlowMode(h, omega / (2 * np.pi), zeta, zeta - of_dampers)

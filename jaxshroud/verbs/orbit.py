@@ -123,7 +123,8 @@ def _wave_values(cycles: Sequence[PeriodicOrbit]) -> dict[str, np.ndarray]:
 def orbit_amplitudes(cycles: Sequence[PeriodicOrbit]) -> dict[str, np.ndarray]:
     """The values of `WithAmplitudes` of orbits, (lanes, blades) each; NaN where there is none."""
     scenes, states = jax.tree.map(lambda *a: np.stack(a), *((cycle.scene, cycle.start) for cycle in cycles))
-    numbers, first = np.array([cycle.q for cycle in cycles]), cycles[0]
+    numbers = np.array([cycle.q for cycle in cycles])
+    first = cycles[0]
     method = first.method._replace(amplitudes=True, vibration=False)
     plan = Plan(0, max(int(numbers.max()), 1), first.steps_per_period, 0.0, method)
     runs = run_lanes(scenes, states, plan, lambda _: None)

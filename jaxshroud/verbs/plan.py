@@ -83,19 +83,23 @@ def choose_method(
     Raises:
         InputError: An accuracy is requested for smooth contact or for own laws, or power series for a row.
     """
-    asked, law = resolved.asked, law_type(lanes)
+    asked = resolved.asked
+    law = law_type(lanes)
     if is_linear(lanes):
         return usual, None
     _refuse_accuracy(asked, law)
     if asked.plan is not None:
         method, choice = asked.plan.method, asked.plan.choice
     elif asked.method is not None:
-        method, choice = choices(asked.method), None
+        method = choices(asked.method)
+        choice = None
     elif resolved.accuracy is None:
-        method, choice = usual, None
+        method = usual
+        choice = None
     elif not is_tried(lanes):
         chosen = choice_without_trial(resolved.accuracy, asked.by_argument, lanes)
-        method, choice = chosen.method, None if asked.says_nothing else chosen
+        method = chosen.method
+        choice = None if asked.says_nothing else chosen
     else:
         ends = trials.get("ends") or partial(end_states, ledger=usual.ledger, vibration=usual.vibration)
         periods = trials.get("periods")

@@ -273,11 +273,15 @@ def _run_longer(
     progress: Progress | None,
 ) -> tuple[list[LaneSummary], State, str | None]:
     """The summary and the last state of each lane (leading axis), and the report on events that alternate, if any."""
-    count, transient, done = len(scenes.drive.omega), resolved.transient, 0
+    count = len(scenes.drive.omega)
+    transient = resolved.transient
+    done = 0
     ticker = Ticker(count * (resolved.transient + resolved.n_periods), progress)
     summaries: dict[int, LaneSummary] = {}
     ends: dict[int, State] = {}
-    running, samples, chatter = np.arange(count), [], None
+    running = np.arange(count)
+    samples = []
+    chatter = None
     while done < resolved.n_periods and len(running):
         n = min(max(FIRST_PERIODS, done), resolved.n_periods - done)  # doubles the number of periods
         plan = Plan(transient, n, march.steps, 0.0, march.method)
@@ -294,7 +298,8 @@ def _run_longer(
         scenes, state, samples, running = jax.tree.map(
             lambda a, unfinished=unfinished: np.asarray(a)[unfinished], remaining
         )
-        transient, done = 0, done + n
+        transient = 0
+        done = done + n
     states = jax.tree.map(lambda *a: np.stack(a), *(ends[i] for i in range(count)))
     return [summaries[i] for i in range(count)], states, chatter
 

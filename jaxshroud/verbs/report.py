@@ -223,7 +223,8 @@ def report(
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
     judged_by = of or _reduction_of(tuned, design)
     check_report(design, resolved, limits, bounds, conditions, (draws, starts, seed), judged_by)
-    lanes, blades = len(SINGLE_DIRECTIONS) * max(GAPS, ZOOMS * VALUES), design.layout.blades
+    lanes = len(SINGLE_DIRECTIONS) * max(GAPS, ZOOMS * VALUES)
+    blades = design.layout.blades
     check_size(lanes, resolved.transient, resolved.n_periods, blades=blades)
     march = plan_march(resolved, varied_by(design, bounds, conditions), FOR_P_D)
     problem = _problem(design, conditions, limits)._replace(of=judged_by)
@@ -264,7 +265,9 @@ def _report_data(
         NumericalError: The design stops before its end in all conditions.
     """
     draws, starts, seed = counts
-    design, rows, of = problem.scene, problem.rows, cast(RequiredReduction, problem.of)
+    design = problem.scene
+    rows = problem.rows
+    of = cast(RequiredReduction, problem.of)
     kind = DesignFindings if design.layout == PAIR else RowFindings
     ticker = Ticker(8 + bool(scatters) + len(rows), progress)
 

@@ -204,7 +204,8 @@ def _blades_section(findings: RowFindings, about: list[str]) -> Section:
 
 
 def _interfaces_section(findings: RowFindings, about: list[str]) -> Section:
-    run, shown = findings.runs.lane(findings.worst), findings.diagnosis
+    run = findings.runs.lane(findings.worst)
+    shown = findings.diagnosis
     columns = {
         "largest N [N]": run.N_max,
         "mean N [N]": run.N_mean,

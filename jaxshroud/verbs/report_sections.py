@@ -143,7 +143,8 @@ def _limits(data: ReportData) -> list[list[str]]:
         its_mean = data.tuned is not None and (data.tuned.quantity, data.tuned.goal) == (data.of, "mean")
         tuned = ", which was tuned" if its_mean else ""
         table.append([f"{data.of}, mean of the conditions{tuned}", f"{judged.P_d[0].mean():.5g} %", "-"])
-    found, at_worst = data.findings, _at_worst(data)
+    found = data.findings
+    at_worst = _at_worst(data)
     cells = zip(found.heads(data.of), found.cells(data.of, data.worst), strict=True)
     table += [[f"{head}{at_worst}", cell, "-"] for head, cell in cells]
     table.append(["largest friction force", f"{data.friction:.5g} N", "-"])
@@ -198,7 +199,8 @@ def _mechanism_section(data: ReportData) -> Section | None:
 
 def _gap(data: ReportData) -> Section:
     figure = data.over_gap.plot(title="")
-    words, spread = "The gap upwards, downwards and each value from rest", data.spread
+    words = "The gap upwards, downwards and each value from rest"
+    spread = data.spread
     if len(set(data.sheets[data.worst].gaps)) > 1:
         words += "; here all interfaces have the same gap, while those of the design differ"
     if spread is not None and "shroud.gap" in spread.keys:

@@ -24,7 +24,8 @@ def report_verdict(data: ReportData) -> tuple[str, tuple[str, ...]]:
 def _failures(data: ReportData) -> Iterator[str]:
     """The limits that are not kept."""
     at_least, most_force, most_penetration = data.limits
-    worst, (force, deepest) = float(data.judged.objective[0]), (data.force, data.penetration)
+    worst = float(data.judged.objective[0])
+    force, deepest = (data.force, data.penetration)
     where = f" at {data.where(data.worst)}, the worst condition" if data.conditions else ""
     if not np.isfinite(worst):
         yield "a condition stops before its end"

@@ -91,7 +91,10 @@ def peak_ratio(scene: Scene, along: str, low: float, high: float, of: str, run: 
         of: The amplitude, e.g. "x_peak".
         run: The arguments of `sweep` that say how to run.
     """
-    ends, values, apart, found = (low, high), np.linspace(low, high, VALUES), np.nan, []
+    ends = (low, high)
+    values = np.linspace(low, high, VALUES)
+    apart = np.nan
+    found = []
     for _ in range(ZOOMS):
         swept = sweep(scene, {along: values}, direction="both", amplitudes=True, **run)
         levels = counted_amplitude(getattr(swept, of), scene.layout)
@@ -115,14 +118,19 @@ def _peak_in(value: float, level: float, ends: tuple[float, float]) -> PeakOfSwe
 def free_peak(scene: Scene, along: str, low: float, high: float, of: str) -> PeakOfSweep:
     """Where an amplitude without contact is largest in a range of a number, and that amplitude."""
     names = (of.partition("_")[0],)
-    numbered, values, at, level = with_numbers(scene, [along]), np.array([low, high]), low, 0.0
+    numbered = with_numbers(scene, [along])
+    values = np.array([low, high])
+    at = low
+    level = 0.0
     for count in FREE_LOOKS:
         values = np.linspace(values[0], values[-1], count)
         ring, _ = smallest_ring(scenes_at(numbered, [along], values[:, None]))
         every = free_amplitudes(ring, names)
         levels = counted_amplitude(every[free_name(of)], ring.layout)
         top = int(levels.argmax())
-        at, level, values = float(values[top]), float(levels[top]), values[max(top - 1, 0) : top + 2]
+        at = float(values[top])
+        level = float(levels[top])
+        values = values[max(top - 1, 0) : top + 2]
     return _peak_in(at, level, (low, high))
 
 
@@ -220,7 +228,8 @@ def response(
     values = np.linspace(low, high, num)
     if linear is None and at is None:
         linear = _default_state(scenes, along, values, of, method)
-        scene, scenes = in_state(scene, linear), [in_state(one, linear) for one in scenes]
+        scene = in_state(scene, linear)
+        scenes = [in_state(one, linear) for one in scenes]
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, of_sweep=True)
     run = {"n_periods": resolved.n_periods, "transient": resolved.transient, "method": resolved.asked}
     in_succession = int(plain.row is not None) if doublings is None else doublings
@@ -246,7 +255,8 @@ def _member(
     free = free_peak(scene, along, low, high, of)[:2]
     if is_linear(scene):
         return _linear_member(scene, along, values, of, swept, free)
-    own, reason = value_of(with_numbers(scene, [along]), along), "no lane from rest settles on a periodic orbit"
+    own = value_of(with_numbers(scene, [along]), along)
+    reason = "no lane from rest settles on a periodic orbit"
     for place in _places(swept, values, own, scene.layout) if at is None else [at]:
         try:
             found = continued(
@@ -299,7 +309,8 @@ def _places(swept: SweepResult, values: np.ndarray, own: float, layout: Layout) 
     Of rows those on which all blades swing alike are before others: a travelling wave, from which broken ones begin.
     """
     lanes = swept.data.sel(direction="independent")
-    number, settled = lanes["period_number"].to_numpy(), lanes["settled"].to_numpy() == 1
+    number = lanes["period_number"].to_numpy()
+    settled = lanes["settled"].to_numpy() == 1
     unlike = _is_broken(lanes["x_rms"].to_numpy()[:, layout.counting])
 
     def rank(i):

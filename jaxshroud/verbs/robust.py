@@ -43,7 +43,8 @@ class Probes(NamedTuple):
 
     def around(self, centre: float) -> tuple[int, int]:
         """Indices of the outermost acceptable values that no unacceptable one separates from `centre`."""
-        middle, failing = np.searchsorted(self.u, centre), np.flatnonzero(self.cause != BOUND)
+        middle = np.searchsorted(self.u, centre)
+        failing = np.flatnonzero(self.cause != BOUND)
         below, above = failing[failing <= middle], failing[failing >= middle]
         return int(below.max(initial=-1)) + 1, int(above.min(initial=self.u.size)) - 1
 
@@ -105,7 +106,8 @@ def _bracketed(probes: Probes, centre: float, probe: Probe) -> Probes:
     for _ in range(MAX_BRACKETINGS):
         probes = probe(probes, np.linspace(low, high, SEARCH_POINTS))
         first, last = probes.around(centre)
-        width, (low, high) = high - low, probes.u[[max(first - 1, 0), min(last + 1, probes.u.size - 1)]]
+        width = high - low
+        low, high = probes.u[[max(first - 1, 0), min(last + 1, probes.u.size - 1)]]
         if high - low > width / 2:
             break
     return probes
@@ -123,7 +125,8 @@ def _refined(probes: Probes, centre: float, probe: Probe) -> Probes:
 def _audited(probes: Probes, centre: float, probe: Probe) -> Probes:
     """Add values all over the interval, until they no longer shorten it."""
     for i in range(MAX_AUDITS):
-        ends, n = probes.u[list(probes.around(centre))], SEARCH_POINTS << i
+        ends = probes.u[list(probes.around(centre))]
+        n = SEARCH_POINTS << i
         probes = _refined(probe(probes, ends[0] + (ends[1] - ends[0]) * (np.arange(n) + 0.5) / n), centre, probe)
         if np.ptp(ends) - np.ptp(probes.u[list(probes.around(centre))]) < np.ptp(ends) / n:
             break
@@ -267,8 +270,10 @@ def _scattered(problem: Problem, best: np.ndarray, request: RobustnessRequest, t
 
 def _coexisting_motions(fixed_problem: Problem, design: np.ndarray, request: RobustnessRequest) -> dict[str, object]:
     """The number of coexisting motions in each condition, their least P_d, and the share of undecided starts."""
-    scenes, plan = scenes_of(fixed_problem, design[None]), fixed_problem.plan
-    method, counts = method_of(plan.steps_per_period, plan.method), []
+    scenes = scenes_of(fixed_problem, design[None])
+    plan = fixed_problem.plan
+    method = method_of(plan.steps_per_period, plan.method)
+    counts = []
     for i in range(len(fixed_problem.rows)):
         scene = jax.tree.map(lambda a: a[i], scenes)  # noqa: B023  called at once
         found = attractors(scene, request.starts, seed=request.seed, method=method)

@@ -121,14 +121,16 @@ def scatter(
     check_only_P_d("at_least", at_least, of)
     bounds = scatter_bounds(nominal, scatters)
     rows = draw_rows(nominal, bounds, at_least, draws, seed, resolved, per_draw)
-    lanes, ends = rows.shape[0] * rows.shape[1] * per_draw, np.array(list(bounds.values()), float)
+    lanes = rows.shape[0] * rows.shape[1] * per_draw
+    ends = np.array(list(bounds.values()), float)
     scenes = _scenes(nominal, list(bounds), rows.reshape(-1, len(bounds)), condition_values)
     require_sector(scenes)
     if is_reduction(of):
         check_vibration(of, scenes, lambda lacks: lacks.reshape(per_draw, -1).all(axis=1).any())  # all of a condition
     if linear is None and state is None:
         linear = default_state(scenes, method)
-        scenes, resolved = in_state(scenes, linear), resolved._replace(scene=in_state(resolved.scene, linear))
+        scenes = in_state(scenes, linear)
+        resolved = resolved._replace(scene=in_state(resolved.scene, linear))
     march = plan_march(resolved, scenes, FOR_P_D)
     run = sweep(
         scenes,
@@ -145,9 +147,12 @@ def scatter(
     def reshaped(a):
         return np.asarray(a).reshape(per_draw, *rows.shape[:2])
 
-    P_d, P_d_ci, status = reshaped(run.P_d).astype(float), reshaped(run.P_d_ci).astype(float), reshaped(run.status)
+    P_d = reshaped(run.P_d).astype(float)
+    P_d_ci = reshaped(run.P_d_ci).astype(float)
+    status = reshaped(run.status)
     P_d_ci = np.take_along_axis(P_d_ci, np.argmin(P_d, axis=0)[None], axis=0)[0]  # of the least
-    stopped, status = int(np.sum(status != Status.OK)), status.max(axis=0)
+    stopped = int(np.sum(status != Status.OK))
+    status = status.max(axis=0)
     P_d = np.where(status == Status.OK, P_d.min(axis=0), np.nan)
     alone = np.where(status == Status.OK, reshaped(run.P_d_vibration).min(axis=0), np.nan)
     values: dict[str, object] = {"P_d": np.ravel(P_d[:2]), "P_d_ci": np.ravel(P_d_ci[:2]), "of": of}

@@ -82,11 +82,13 @@ def _half_width(key: str, spread: Spread) -> HalfWidth | None:
     """The half width; None where bounds are given."""
     if isinstance(spread, str):
         try:
-            size, relative = float(spread.strip().removesuffix("%")) / 100, True
+            size = float(spread.strip().removesuffix("%")) / 100
+            relative = True
         except ValueError:
             raise InputError(f"{key} scatters by a number, or a share such as '20%', not {spread!r}.") from None
     elif is_number(spread):
-        size, relative = float(cast(float, spread)), False
+        size = float(cast(float, spread))
+        relative = False
     else:
         return None
     if not 0 < size < np.inf:

@@ -85,7 +85,8 @@ def flow_rows(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
 
 
 def _flow_row(sheet: DataSheet, mode: FlowMode) -> list[str]:
-    h, over = mode.nodal_diameter, mode.frequency / sheet.drive
+    h = mode.nodal_diameter
+    over = mode.frequency / sheet.drive
     name = "bending along x" if h is None else f"nodal diameter {h}"
     return [name, f"{mode.frequency:.5g}", f"{over:.4g}", f"{mode.zeta:.3g}", f"{mode.zeta_flow:.3g}"]
 
@@ -96,7 +97,8 @@ def crossing_rows(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
     Of a tuned ring it has only those of modes that the order excites, and of many those nearest to the scene's speed.
     A mode on which contact does not work has the frequency of free blades, and shares their row.
     """
-    heads, rows = ["crossings", "contact", "engine order", "speed [rpm]", "margin [%]"], _crossings(sheet)
+    heads = ["crossings", "contact", "engine order", "speed [rpm]", "margin [%]"]
+    rows = _crossings(sheet)
     nearest = sorted(range(len(rows)), key=lambda i: abs(float(rows[i][-1])))[:MOST_CROSSINGS]
     return heads, [rows[i] for i in sorted(nearest)]
 
@@ -120,7 +122,8 @@ def _crossings(sheet: DataSheet) -> list[list[str]]:
     for crossing in sheet.crossings:
         shown = crossing.contact in (SHOWN_CONTACTS if has_stuck else CONTACT_NAMES)
         if shown and crossing.excited is not False:
-            motion, speed = crossing.mode.partition(",")[0], f"{crossing.speed * RPM:.5g}"
+            motion = crossing.mode.partition(",")[0]
+            speed = f"{crossing.speed * RPM:.5g}"
             alike.setdefault((speed, crossing.engine_order, motion), []).append(crossing)
     return [_crossing_row(speed, crossings) for (speed, _, _), crossings in alike.items()]
 
@@ -173,7 +176,8 @@ def _pressed_text(sheet: DataSheet) -> str:
     if not pressed:
         return ""
     ranges = " and ".join(f"{begin * RPM:.5g} to {end * RPM:.5g}" for begin, end in pressed)
-    told, opens = f"from {ranges} rpm: crossings in contact there, apart elsewhere", pressed[-1][1]
+    told = f"from {ranges} rpm: crossings in contact there, apart elsewhere"
+    opens = pressed[-1][1]
     if opens == sheet.stop:
         return told
     elsewhere = "the faces open, and the largest amplitude with contact may be at none of these crossings"

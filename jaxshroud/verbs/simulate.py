@@ -95,7 +95,8 @@ def simulate(
     lanes = resolved.lanes
     march = plan_march(resolved, lanes, REFERENCE, periods=resolved.n_periods, ends=trajectory_ends)
     scenes = in_precision(without_given(lanes), march.method.precision)
-    length, half = resolved.n_periods * march.steps, max(resolved.n_periods // 2, 1)
+    length = resolved.n_periods * march.steps
+    half = max(resolved.n_periods // 2, 1)
     grid = SampleGrid(turns, march.steps, every, length, events, half * march.steps)
     count = grid.samples
     check_memory("what is stored of this run", len(scenes.drive.omega) * count * STEP_BYTES)

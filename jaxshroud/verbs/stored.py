@@ -74,10 +74,13 @@ def run_in_stretches(
     Returns:
         The block, as if it were computed at once.
     """
-    grid, along = task.grid, len(task.grid.resolved.shape)
-    n, backward = grid.shape[along], task.direction == "backward"
+    grid = task.grid
+    along = len(task.grid.resolved.shape)
+    n = grid.shape[along]
+    backward = task.direction == "backward"
     record = dict(kept or {"done": np.array(0), "chatter": np.array("")})
-    done, handover = int(record["done"]), handover_from(record, grid) if kept else task.handover
+    done = int(record["done"])
+    handover = handover_from(record, grid) if kept else task.handover
     while True:
         stop = min(done + pace.values, n)
         values = slice(n - stop, n - done) if backward else slice(done, stop)
@@ -90,7 +93,8 @@ def run_in_stretches(
         record = {**computed.record, "chatter": (computed.record if is_first else record)["chatter"]}
         if stop == n:
             return ComputedBlock(SweepResult(data), record)
-        done, handover = stop, handover_from(record, grid)
+        done = stop
+        handover = handover_from(record, grid)
         record |= {"done": np.array(done), **{NUMBER + str(name): a.to_numpy() for name, a in data.items()}}
         keep(record)
 
@@ -151,7 +155,8 @@ def store_sweep(sweep: SweepTask, path: Path, scheduler: str | None = None) -> S
     """
     lanes, precise = jax.tree.map(np.asarray, (sweep.grid.lanes, sweep.grid.precise))
     sweep = sweep._replace(grid=sweep.grid._replace(lanes=lanes, precise=precise))
-    grid, period = sweep.grid, sweep.settings.plan.transient + 1 + np.arange(sweep.settings.plan.kept)
+    grid = sweep.grid
+    period = sweep.settings.plan.transient + 1 + np.arange(sweep.settings.plan.kept)
     with nullcontext() if scheduler is None else connected_client(scheduler) as client:
         identity = machine_identity() if client is None else worker_identity(client)
         sizes = _stored_block_sizes(path, len(grid.shape)) or block_sizes(sweep, on_workers=client is not None)
@@ -228,7 +233,9 @@ def _chains(run: StoredRun) -> Iterator[Chain]:
 
 def _chain(run: StoredRun, direction: Direction, blocks: Sequence[Block]) -> Chain:
     """Yield the tasks of blocks that are not stored yet, one after the other, and store their results."""
-    handover, sweep, directional = SweepHandover(), run.sweep, len(run.sweep.directions) > 1
+    handover = SweepHandover()
+    sweep = run.sweep
+    directional = len(run.sweep.directions) > 1
     settings = sweep.settings._replace(is_part=math.prod(sweep.grid.shape) > 1)
     for block in blocks:
         stored_block = block.within(SINGLE_DIRECTIONS.index(direction)) if directional else block

@@ -260,7 +260,8 @@ def _grid_of(
     if along is not None and file is not None:
         resolved = resolved._replace(file=replace(file, axes=(), keep=None))  # results show no other sweep
     elif file is not None:
-        along, direction = {a.key: a.values for a in file.axes}, direction or file.direction
+        along = {a.key: a.values for a in file.axes}
+        direction = direction or file.direction
     refuse_traced(along)
     axes = {key: np.atleast_1d(np.asarray(values, dtype=float)) for key, values in (along or {}).items()}
     is_empty = along is not None and file is None and not axes

@@ -135,7 +135,9 @@ def run_map(grid: Grid, states: State | None, direction: Direction, settings: Sw
     """
     if direction != "independent":
         raise InputError("Sweeps forward and backward keep their samples; leave out `keep_samples`.")
-    parts, chatter, count = [], None, math.prod(grid.shape)
+    parts = []
+    chatter = None
+    count = math.prod(grid.shape)
     # A last part of a single lane would be run by another program.
     size = MAX_LANES_AT_ONCE if count % MAX_LANES_AT_ONCE != 1 else MAX_LANES_AT_ONCE + LANES_PER_CALL
     for first in range(0, count, size):
@@ -186,7 +188,8 @@ def _sweep_result(grid: Grid, numbers: dict[str, object], chatter: str | None, s
     plan, march = settings.plan, settings.march
     common = {"phase": plan.phase, "period_tol": settings.period_tol, "chatter": chatter, **march.attributes}
     if march.tried is not None:
-        ends, progress = partial(end_states, vibration=True), settings.ticker.report
+        ends = partial(end_states, vibration=True)
+        progress = settings.ticker.report
         numbers = numbers | {"inaccurate": missed_lanes(grid.lanes, march.tried, ends, progress)}
     periods = np.arange(plan.transient + 1, plan.transient + plan.kept + 1)
     coords = sweep_coordinates(grid.axes, periods, grid.lanes.layout)
@@ -201,7 +204,8 @@ def _sweep_result(grid: Grid, numbers: dict[str, object], chatter: str | None, s
         )
     complete = int(not np.any(numbers["status"] == Status.NOT_RUN))
     attrs = {**attributes, "axes": ",".join(grid.dims), "complete": complete}
-    values, layout = {**in_shape(numbers, grid.shape), **common}, grid.lanes.layout
+    values = {**in_shape(numbers, grid.shape), **common}
+    layout = grid.lanes.layout
     return SweepResult.from_values(values, lanes=grid.dims, coords=coords, attrs=attrs, more=more, layout=layout)
 
 
@@ -210,7 +214,8 @@ def _exponents(grid: Grid, runs: Runs, settings: SweepSettings) -> dict[str, np.
     scenes = grid.precise
     if scenes is None or settings.confirms:
         return {}
-    plan, running = settings.plan, np.flatnonzero(runs.last.status == Status.OK)
+    plan = settings.plan
+    running = np.flatnonzero(runs.last.status == Status.OK)
     exponent, ci = np.full((2, len(runs.last.status)), np.nan)
     if len(running):
         states = jax.tree.map(in_float64, final_states(runs.last.state))

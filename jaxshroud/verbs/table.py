@@ -152,7 +152,8 @@ def checked_designs(
 
 def _table_of(designs: Designs, swept: SweepResult, by: str, layout: Layout) -> DesignTable:
     """The result of all rows from the sweep of those that are right."""
-    count, right = len(designs.reasons), designs.right
+    count = len(designs.reasons)
+    right = designs.right
     found: dict[str, Any] = {name: getattr(swept, name, None) for name in DesignTable.variables}
     per_row = {name: a for name, a in found.items() if a is not None and np.shape(a)[:1] == right.shape}
     values: dict[str, Any] = {name: _beside_wrong(a, right, count) for name, a in (per_row | _judged(swept)).items()}

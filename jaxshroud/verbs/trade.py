@@ -61,7 +61,8 @@ class Adaptive(NamedTuple):
         if self.solver in IMPLICIT and periods > SHORT_PERIODS:
             return None
         solved = adaptive_samples(softened(scenes, self.width), periods, self.solver, self.rtol)
-        samples, steps = pair_sample(solved[0]), np.asarray(solved[1])
+        samples = pair_sample(solved[0])
+        steps = np.asarray(solved[1])
         finite = np.isfinite(samples.power[..., 0]).all(axis=1)
         return ShortRuns(samples, np.where(finite, Status.OK, Status.NOT_FINITE), round(float(steps.mean())))
 
@@ -257,7 +258,8 @@ def measure_settings(
 ) -> Trade:
     """Measure settings of any kind; see `trade`."""
     scenes = neighbourhood(scene, lanes, seed)
-    reference, measured = _outcome(scenes, REFERENCE_SETTINGS[scene.parts.contact], transient, n_periods), []
+    reference = _outcome(scenes, REFERENCE_SETTINGS[scene.parts.contact], transient, n_periods)
+    measured = []
     for done, setting in enumerate(settings, 1):
         measured.append(_compared(scenes, setting, _outcome(scenes, setting, transient, n_periods), reference))
         if progress is not None:

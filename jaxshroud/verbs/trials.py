@@ -92,7 +92,9 @@ def choose(
     """
     level = accuracy_level(accuracy)
     lanes = jax.tree.map(lambda a: np.reshape(a, (-1, *np.shape(a)[batch_dims:])), scenes)
-    frequency_and_period, choices, spent = stiffest(lanes, 1), [], 0
+    frequency_and_period = stiffest(lanes, 1)
+    choices = []
+    spent = 0
     candidates, in_table = _candidates(lanes, level)
     if in_table and not lane_periods:
         return Choice(level, candidates[0], candidates[0].steps(*frequency_and_period), True)

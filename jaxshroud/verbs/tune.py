@@ -167,7 +167,8 @@ def tune(
     scanned = problem.values(_scanned_cube(len(over), counts[0], seed))
     if linear is None and state is None:
         linear = default_state(scenes_of(problem, scanned), method)
-        scene, problem = in_state(scene, linear), problem._replace(scene=in_state(problem.scene, linear))
+        scene = in_state(scene, linear)
+        problem = problem._replace(scene=in_state(problem.scene, linear))
     if is_linear(problem.scene):
         require_state(scenes_of(problem, scanned), problem.runs)
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
@@ -192,7 +193,8 @@ def _most_lanes(problem: Problem, counts: tuple[int, int, int]) -> int:
     Raises:
         InputError: Those that run at the same time, or are checked over longer times, are too many.
     """
-    (scan, n_starts, updates), size = counts, len(problem.over)
+    scan, n_starts, updates = counts
+    size = len(problem.over)
     check_size(max(scan, n_starts * (1 + 3 * size)) * problem.runs, 4 * problem.plan.transient, 4 * problem.plan.kept)
     ascents = min(n_starts, scan) * (updates + 1) * (1 + 3 * size) if updates else 0
     rounds = 2 * BETWEEN * REFINE_ROUNDS if size == 1 else len(POLISH_WIDTHS) * POLISH_SAMPLES * size
@@ -203,7 +205,8 @@ def _search(
     problem: Problem, counts: tuple[int, int, int], seed: int, robust_request: RobustnessRequest | None, ticker: Ticker
 ) -> Tuned:
     """Scan, ascend, sample around the best design, and simulate the winner again."""
-    (scan, n_starts, updates), size = counts, len(problem.over)
+    scan, n_starts, updates = counts
+    size = len(problem.over)
     cube = _scanned_cube(size, scan, seed)
     scanned = judge_designs(problem, problem.values(cube), ticker)
     if is_linear(problem.scene) and not np.isfinite(scanned.score).any():
@@ -222,7 +225,8 @@ def _search(
     else:
         polished, polished_scores = polish_design(problem, end, score, np.random.default_rng(seed), ticker)
     u = polished[-1]
-    design, periods = problem.values(u), ticker.done
+    design = problem.values(u)
+    periods = ticker.done
     judgement = judge_designs(problem, design[None], ticker)
     checks = verify_design(problem, design, seed, ticker)
     P_d, P_d_vibration = both_reductions(problem, design)
@@ -327,7 +331,8 @@ def objective_map(tuned: Tuned, n: int) -> dict[str, np.ndarray]:
     """
     if len(tuned.keys) != 2:
         raise InputError(f"A map has two tuned numbers, but there are {len(tuned.keys)}.")
-    problem, side = problem_from_result(tuned), np.linspace(0.0, 1.0, n)
+    problem = problem_from_result(tuned)
+    side = np.linspace(0.0, 1.0, n)
     cube = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
     designs = problem.values(cube)
     judged = judge_designs(problem, designs, lambda _: None)
