@@ -76,7 +76,7 @@ def zero_one(series: ArrayLike, near: ArrayLike | float = 0.0) -> FloatArray:
 
 def _zero_one_of_series(phi: FloatArray, near: float) -> float:
     """The K of one series."""
-    if not np.isfinite(phi).all():
+    if np.isnan(near) or not np.isfinite(phi).all():
         return float("nan")
     if np.ptp(phi) <= near:
         return 0.0

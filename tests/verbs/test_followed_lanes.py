@@ -19,6 +19,7 @@ pytestmark = pytest.mark.full
 
 GAMMAS = (0.5, 2.5, 5.0)
 STEPS = {"method": js.RungeKutta(steps=100)}
+COARSE = {"method": js.RungeKutta(steps=100, precision="float32")}  # in which squares overflow
 KEYS = ["shroud.gap", "contact.gamma"]
 
 
@@ -50,7 +51,7 @@ def lanes_of(scenes, order):
 @pytest.fixture(scope="module")
 def overflowing(scenes):
     """The middle lane begins so far out that its squares overflow."""
-    far = [1e-6, 1e200, 1e-6]
+    far = [1e-6, 1e30, 1e-6]
     base = jax.tree.map(lambda a: a[0], scenes)
     return scenes_at(base, ["contact.gamma", "initial.x[0]"], np.stack([GAMMAS, far], axis=1))
 
@@ -131,24 +132,24 @@ def test_exponents_of_a_batch_are_those_of_a_loop(scenes, each):
 
 def test_a_lane_that_stops_is_flagged_and_the_others_go_on(overflowing, found):
     with pytest.warns(LaneWarning, match="Orbit of 3 lanes, 1 failed: 2 found"):
-        some = js.orbit(overflowing, **STEPS)
+        some = js.orbit(overflowing, **COARSE)
     assert some.flags.tolist() == [(), ("stopped",), ()]
     assert some.status.tolist() == [Status.OK, Status.NOT_FINITE, Status.OK]
     assert np.isnan(some.P_d[1])
     assert np.isnan(some.jacobian.by_state[1]).all()
-    np.testing.assert_allclose(some.P_d[[0, 2]], found.P_d[[0, 2]], rtol=1e-9)
+    np.testing.assert_allclose(some.P_d[[0, 2]], found.P_d[[0, 2]], rtol=1e-5)  # float32
     assert some.failed == 1
     with pytest.raises(NumericalError, match="1 failed"):
-        js.orbit(overflowing, throw=True, **STEPS)
+        js.orbit(overflowing, throw=True, **COARSE)
     with pytest.warns(LaneWarning):
-        slope = js.gradient(overflowing, ["shroud.gap"], orbit=some, **STEPS)
+        slope = js.gradient(overflowing, ["shroud.gap"], orbit=some, **COARSE)
     assert slope.kind.tolist() == ["periodic", "none", "periodic"]
     assert slope.flags[1] == ("stopped", "failed")
     assert np.isnan(slope.value["shroud.gap"]).tolist() == [False, True, False]
     with pytest.raises(NumericalError, match="nothing to differentiate"):
-        js.gradient(overflowing, ["shroud.gap"], orbit=some, throw=True, **STEPS)
+        js.gradient(overflowing, ["shroud.gap"], orbit=some, throw=True, **COARSE)
     with pytest.warns(LaneWarning):
-        grown = js.lyapunov(overflowing, n_periods=2, transient=1, **STEPS)
+        grown = js.lyapunov(overflowing, n_periods=2, transient=1, **COARSE)
     assert np.isnan(grown.exponents[1]).all()
     assert np.isfinite(grown.exponents[[0, 2], 0]).all()
 
@@ -156,9 +157,9 @@ def test_a_lane_that_stops_is_flagged_and_the_others_go_on(overflowing, found):
 def test_a_single_orbit_that_stops_warns(overflowing):
     alone = jax.tree.map(lambda a: a[1], overflowing)
     with pytest.warns(LaneWarning, match="stopped"):
-        assert js.orbit(alone, **STEPS).flags == ("stopped",)
+        assert js.orbit(alone, **COARSE).flags == ("stopped",)
     with pytest.raises(NumericalError):
-        js.orbit(alone, throw=True, **STEPS)
+        js.orbit(alone, throw=True, **COARSE)
 
 
 def test_an_interruption_leaves_the_lanes_that_had_ended(overflowing, monkeypatch):
@@ -167,7 +168,7 @@ def test_an_interruption_leaves_the_lanes_that_had_ended(overflowing, monkeypatc
 
     monkeypatch.setattr(Derivatives, "answers", staticmethod(stop))
     with pytest.raises(Interrupted) as stopped:
-        js.orbit(overflowing, **STEPS)
+        js.orbit(overflowing, **COARSE)
     assert stopped.value.done.flags.tolist() == [("not run",), ("stopped",), ("not run",)]
     assert stopped.value.done.status.tolist() == [Status.NOT_RUN, Status.NOT_FINITE, Status.NOT_RUN]
 
