@@ -2,7 +2,8 @@
 
 The speeds of `--start` to `--stop` rpm are run from the scene's own start without a transient. Windows of the run tell
 after how many discarded periods the RMS of x and P_d are within their intervals of those at its end, and how many kept
-ones the package's own verdict takes. `wheel_periods.json` has the table of every scene that was asked for.
+ones the package's own verdict takes. `wheel_periods.json` has the table of every scene that was asked for, and of runs
+of more than 1,000 periods what they say of each speed.
 """
 
 import argparse
@@ -28,6 +29,7 @@ from jaxshroud.verbs.sweep_run import SweepSettings, _lane_numbers
 RPM = 2 * np.pi / 60
 DISCARDED, BRIEF = (0, 20, 40, 60, 80, 100, 160, 200), 64  # periods before a window, and its length
 BEGIN, KEPT = 40, (64, 128, 192, 260)  # of windows of several lengths
+LONG = 500  # periods discarded of long runs, whose values are stored
 
 
 def run(scene: js.SceneFile, speeds: np.ndarray, periods: int) -> tuple[Scene, Runs, SweepSettings]:
@@ -67,6 +69,18 @@ def row(found: dict, last: dict, begin: int, kept: int) -> dict:
     }
 
 
+def values(speeds: np.ndarray, found: dict) -> dict:
+    """What a long run says of each speed."""
+    return {
+        "speed [rpm]": speeds.tolist(),
+        "RMS of x [m]": found["x_rms"].max(axis=-1).tolist(),
+        "half width": found["x_rms_ci"].max(axis=-1).tolist(),
+        "P_d [%]": found["P_d"].tolist(),
+        "half width of P_d": found["P_d_ci"].tolist(),
+        "settled": (found["settled"] & found["P_d_settled"]).tolist(),
+    }
+
+
 def main() -> None:
     """The table of one scene, added to those of others."""
     parser = argparse.ArgumentParser()
@@ -75,6 +89,7 @@ def main() -> None:
     parser.add_argument("--start", type=float, default=900.0)
     parser.add_argument("--stop", type=float, default=1800.0)
     parser.add_argument("--num", type=int, default=46)
+    parser.add_argument("--speeds", type=float, nargs="+", help="in their place")
     parser.add_argument("--periods", type=int, default=300)
     parser.add_argument("--sigma", type=float, default=0.0, help="of one random pattern of mistuning")
     asked = parser.parse_args()
@@ -85,7 +100,8 @@ def main() -> None:
         blades = scene.layout.blades
         pattern = asked.sigma * np.random.default_rng(0).standard_normal(blades)
         scene = js.load(asked.scene, [*asked.sets, f"row.mistuning={pattern.tolist()}"])
-    began, speeds = time.process_time(), np.linspace(asked.start, asked.stop, asked.num)
+    began = time.process_time()
+    speeds = np.linspace(asked.start, asked.stop, asked.num) if asked.speeds is None else np.array(asked.speeds)
     held = run(scene, speeds, asked.periods)
     seconds = time.process_time() - began
     last = numbers(*held, asked.periods - BRIEF, BRIEF)
@@ -95,10 +111,16 @@ def main() -> None:
     name = " ".join([Path(asked.scene).stem, *asked.sets, *([f"sigma {asked.sigma:g}"] if asked.sigma else [])])
     path = Path(__file__).with_suffix(".json")
     tables = json.loads(path.read_text("utf-8")) if path.exists() else {}
-    per_period = round(seconds / (asked.num * asked.periods), 3)
-    tables[name] = {"lanes": asked.num, "periods": asked.periods, "seconds a lane and period": per_period, "rows": rows}
+    per_period = round(seconds / (len(speeds) * asked.periods), 3)
+    tables[f"{name}, {asked.periods} periods"] = table = {
+        "lanes": len(speeds),
+        "periods": asked.periods,
+        "seconds a lane and period": per_period,
+        "rows": rows,
+        **({"values": values(speeds, numbers(*held, LONG, asked.periods - LONG))} if asked.periods > 2 * LONG else {}),
+    }
     path.write_text(json.dumps(tables, indent=1) + "\n", "utf-8")
-    print(json.dumps(tables[name], indent=1))
+    print(json.dumps(table, indent=1))
 
 
 if __name__ == "__main__":
