@@ -4,10 +4,8 @@ import math
 from types import EllipsisType
 from typing import Any, NamedTuple
 
-LARGEST_NUMBER, SMALLEST_POSITIVE = (
-    1e30,
-    1e-30,
-)  # of a number in SI units, and of one that is positive: products do not overflow
+LARGEST_NUMBER = 1e30  # of a number in SI units, in magnitude: products do not overflow
+SMALLEST_POSITIVE = 1e-30  # of a number that must be positive
 
 
 class Range(NamedTuple):

@@ -260,11 +260,12 @@ def _peak_half_width(name: str, samples: Sample, number: np.ndarray) -> np.ndarr
     n = swing.shape[-1]
     half = np.full(swing.shape[:-1], np.nan)
     for q in np.unique(number):
-        stretches = min(PEAK_STRETCHES, n // max(int(q), 1))
+        orbit = max(int(q), 1)
+        stretches = min(PEAK_STRETCHES, n // orbit)
         if stretches < 2:
             continue
         lanes = np.flatnonzero(number == q)
-        length = n // stretches // max(int(q), 1) * max(int(q), 1)
+        length = n // stretches // orbit * orbit
         largest = swing[lanes][..., n - stretches * length :].reshape(len(lanes), -1, stretches, length).max(axis=-1)
         spread = largest.std(axis=-1, ddof=1) * np.sqrt(1 + 1 / stretches)
         half[lanes] = t_quantile(stretches - 1) * spread
