@@ -154,12 +154,10 @@ def shroud_motion(motion: Any, scenes: Scene) -> Motion:
 
 
 def in_scene_precision(state: State, scene: Scene) -> State:
-    """The state with its real numbers in the precision of the scene."""
-
-    def real(a):
-        return np.issubdtype(np.asarray(a).dtype, np.floating)
-
-    return jax.tree.map(lambda a: np.asarray(a, scene.drive.omega.dtype if real(a) else None), state)
+    """The state as arrays, its real numbers in the precision of the scene."""
+    real = scene.drive.omega.dtype
+    motion = Motion(**{name: np.asarray(value, real) for name, value in state.motion._asdict().items()})
+    return State(motion, np.asarray(state.u_s, real), np.asarray(state.mode, np.int32), np.asarray(state.case, np.int32))
 
 
 def to_vector(state: State) -> np.ndarray:

@@ -313,17 +313,15 @@ def verify_design(problem: Problem, design: np.ndarray, seed: int, tick: Tick) -
         reference = reference._replace(locate=plan.method.locate)
     finer = Plan(plan.transient, plan.kept, 2 * plan.steps_per_period, 0.0, reference)
     longer = Plan(TIMES_LONGER * plan.transient, TIMES_LONGER * plan.kept, plan.steps_per_period, 0.0, plan.method)
-    checks = {
-        SAME_START_CHECKS[0]: judge_designs(problem._replace(plan=finer), design[None], tick),
-        SAME_START_CHECKS[1]: judge_designs(problem._replace(plan=longer), design[None], tick),
-    }
     random = np.random.default_rng(seed)
     scenes = in_precision(without_given(scenes_of(problem, design[None])), plan.method.precision)
     perturbed = [problem._replace(state=_perturbed_start(problem.scene, random)) for _ in range(OTHER_STARTS)]
-    states = jax.tree.map(lambda *a: np.concatenate(a), *(start_states(one, scenes) for one in perturbed))
-    judged = judge_designs(problem._replace(plan=longer), np.tile(design, (OTHER_STARTS, 1)), tick, states)
-    one_by_one = (DesignJudgement(*(a[i : i + 1] for a in judged)) for i in range(OTHER_STARTS))
-    return checks | {f"another start, {i}": one for i, one in enumerate(one_by_one, 1)}
+    states = jax.tree.map(lambda *a: np.concatenate(a), *(start_states(one, scenes) for one in [problem, *perturbed]))
+    by_half = judge_designs(problem._replace(plan=finer), design[None], tick)
+    for_long = judge_designs(problem._replace(plan=longer), np.tile(design, (1 + OTHER_STARTS, 1)), tick, states)
+    each = [DesignJudgement(*(a[i : i + 1] for a in for_long)) for i in range(1 + OTHER_STARTS)]
+    others = {f"another start, {i}": each[i] for i in range(1, 1 + OTHER_STARTS)}
+    return {SAME_START_CHECKS[0]: by_half, SAME_START_CHECKS[1]: each[0]} | others
 
 
 def _perturbed_start(scene: Scene, random: np.random.Generator) -> State:
