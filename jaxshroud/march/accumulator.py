@@ -181,7 +181,8 @@ class EventMargins(NamedTuple):
 
 def no_margins(like: Float[Array, "..."]) -> EventMargins:
     """The margins before the first event."""
-    return EventMargins(jnp.zeros(like.shape, jnp.int32), *[jnp.full_like(like, jnp.inf)] * 2)
+    none = jnp.full_like(like, jnp.inf)
+    return EventMargins(events=jnp.zeros(like.shape, jnp.int32), slowest_onset=none, slowest_switch=none)
 
 
 class Accumulator(NamedTuple):

@@ -140,7 +140,7 @@ def range_from(intervals: Any) -> DisplacementRange:
 def turning_point(cubic: HermiteCubic) -> tuple[Scalar, Bool[Array, ""]]:
     """The place where a cubic turns once, and whether it does."""
     up = where(cubic.m_0 > 0, 1.0, -1.0)
-    s, inside = cubic_maximum(HermiteCubic(*(up * a for a in cubic)))
+    s, inside = cubic_maximum(jax.tree.map(lambda a: up * a, cubic))
     return s, inside & (cubic.m_0 * cubic.m_1 < 0)
 
 
@@ -260,8 +260,12 @@ def taylor_extrema(inside: ContactSeries) -> StepExtrema:
 
 def merged_extrema(a: StepExtrema, b: StepExtrema) -> StepExtrema:
     """The extremes of two intervals of time taken together."""
-    largest, least = jnp.maximum, jnp.minimum
-    return StepExtrema(*(f(x, y) for f, x, y in zip((largest, largest, least, least), a, b, strict=True)))
+    return StepExtrema(
+        v_max=jnp.maximum(a.v_max, b.v_max),
+        fastest=jnp.maximum(a.fastest, b.fastest),
+        slowest_onset=jnp.minimum(a.slowest_onset, b.slowest_onset),
+        nearest_miss=jnp.minimum(a.nearest_miss, b.nearest_miss),
+    )
 
 
 def _polynomial_maximum(c: Coefficients, s: Scalar) -> Scalar:

@@ -306,8 +306,8 @@ def explicit(method: Method) -> tuple[int, Choices]:
 def method_of(steps: StepCount, chosen: Choices) -> Method:
     """The method that such choices belong to."""
     if isinstance(chosen.tableau, TaylorOptions):
-        numbers = chosen.taylor.order, float(chosen.taylor.tolerance)
-        return Taylor(*numbers, steps, chosen.precision, chosen.flat_return)
+        order, tolerance = chosen.taylor
+        return Taylor(order, float(tolerance), steps, chosen.precision, chosen.flat_return)
     return RungeKutta(chosen.rk, steps, chosen.locate, chosen.precision, chosen.flat_return)
 
 

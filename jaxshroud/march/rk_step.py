@@ -11,10 +11,10 @@ from jaxtyping import Array, Int
 from jaxshroud.march.carry import Lane, PerLane, TimeGrid
 from jaxshroud.march.method import Choices
 from jaxshroud.model.arithmetic import Pair, Scalar, plus, sincos_turns, sine_versine, times, where
+from jaxshroud.model.blade import rate_of_motion
 from jaxshroud.model.drive import Waves, drive_wave_rates, drive_waves
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import Integrals, StateDerivative, rhs_once
-from jaxshroud.scene.keys import Motion
 
 
 class TrialInterval(NamedTuple):
@@ -63,8 +63,7 @@ def rk_stages(partial: Stages, stage_count: int, interval: TrialInterval, start:
 
 def _rates(stage: State, slope: StateDerivative) -> State:
     """The time derivative of a state."""
-    z = stage.motion
-    return State(Motion(z.v_x, z.v_y, z.v_theta, *slope.acceleration), slope.u_s, None, None)
+    return State(rate_of_motion(stage.motion, slope.acceleration), slope.u_s, None, None)
 
 
 def _weighted_sum(total: Integrals | None, weight: float, rates: Integrals) -> Integrals | None:

@@ -214,9 +214,20 @@ def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -
     next_search, step = following_search(
         search._replace(turns=change.turns), lane.step, decision.fire, recheck, method.locate
     )
-    start, motions, jumps = lane.state, (end.state.motion, after.motion), EnergyJumps(change.springs, dropped)
-    told = change.v, change.lift, end.gain, jumps, lane.step, step, change.counted
-    trial = AcceptedTrial(start, interface_mode(start.mode), interval.h, *motions, *told)
+    trial = AcceptedTrial(
+        start=lane.state,
+        mode=interface_mode(lane.state.mode),
+        h=interval.h,
+        end=end.state.motion,
+        after=after.motion,
+        v=change.v,
+        lift=change.lift,
+        gain=end.gain,
+        jumps=EnergyJumps(change.springs, dropped),
+        step=lane.step,
+        next_step=step,
+        events=change.counted,
+    )
     accumulator = updated_row_accumulator(lane.accumulator, trial, model, method, each)._replace(margins=change.margins)
     limit = most_events(grid, model.turns_by_events) * len(verdict.outcome.hit)
     too_many = next_search.events > limit
@@ -304,10 +315,21 @@ def _without_events(
     """The rows after a trial of smooth contact, which is accepted in any case."""
     no = jnp.zeros_like(active)
     v = penetrations(end.state, model, each)
-    jumps, motion = EnergyJumps(jnp.zeros_like(v), jnp.zeros_like(h)), end.state.motion
     next_search, step = following_search(lane.search, lane.step, no, no, method.locate)
-    told = v, Lift(no, no, no), end.gain, jumps, lane.step, step, _of_events(lane.accumulator.log, method)
-    trial = AcceptedTrial(lane.state, mode_of_smooth_contact(v), h, motion, motion, *told)
+    trial = AcceptedTrial(
+        start=lane.state,
+        mode=mode_of_smooth_contact(v),
+        h=h,
+        end=end.state.motion,
+        after=end.state.motion,
+        v=v,
+        lift=Lift(no, no, no),
+        gain=end.gain,
+        jumps=EnergyJumps(jnp.zeros_like(v), jnp.zeros_like(h)),
+        step=lane.step,
+        next_step=step,
+        events=_of_events(lane.accumulator.log, method),
+    )
     accumulator = updated_row_accumulator(lane.accumulator, trial, model, method, each)
     lost = ~_is_finite(end.state)
     status = status_of(_turned(end.state, lost, model), lost, no)

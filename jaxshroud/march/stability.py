@@ -257,7 +257,8 @@ def lanes_that_auto_steps_follow(scenes: Scene) -> np.ndarray:
     finite = np.isfinite(stiffness.squares).all(axis=(-3, -2, -1)) & np.isfinite(period)
     lanes = np.flatnonzero(finite)
     chosen = jax.tree.map(lambda a: a[lanes], stiffness)
-    of = _Fastest(*_frequencies(chosen, np, np.linalg.eigvalsh), period[lanes], chosen.relaxation)
+    omega_max, own = _frequencies(chosen, np, np.linalg.eigvalsh)
+    of = _Fastest(omega_max=omega_max, own=own, period=period[lanes], relaxation=chosen.relaxation)
     finite[lanes] = _needed_steps(of, RK4) < MAX_AUTO_STEPS
     return finite.reshape(count, -1).all(axis=1)  # of a row: at every interface
 
@@ -295,7 +296,8 @@ def _fastest(scenes: Scene, batch_dims: int) -> _Fastest:
 
     stiffness, period = _batched_stiffness(_bounding_pairs(jax.tree.map(flat, scenes)))
     stiffness = jax.tree.map(np.asarray, stiffness)
-    return _Fastest(*_frequencies(stiffness, np, np.linalg.eigvalsh), np.asarray(period), stiffness.relaxation)
+    omega_max, own = _frequencies(stiffness, np, np.linalg.eigvalsh)
+    return _Fastest(omega_max=omega_max, own=own, period=np.asarray(period), relaxation=stiffness.relaxation)
 
 
 def _bounding_pairs(scenes: Scene) -> Scene:

@@ -73,12 +73,13 @@ def taylor_expansion(lane: Lane, fixed: Fixed[Model], order: int, ledger: bool) 
     case = place_contact(start.motion, start, model)[1]
 
     accelerations: list = []  # filled once they are known as series
-    places = [
+    x, y, theta = (
         _displacement_series(getattr(start.motion, name), getattr(start.motion, f"v_{name}"), unit, k, accelerations)
         for k, name in enumerate(("x", "y", "theta"))
-    ]
-    rates = [tuple(map(rate_of, pair)) for pair in places]
-    now = State(Motion(*places, *rates), start.u_s, start.mode, case)
+    )
+    v_x, v_y, v_theta = (tuple(map(rate_of, pair)) for pair in (x, y, theta))
+    motion = Motion(x=x, y=y, theta=theta, v_x=v_x, v_y=v_y, v_theta=v_theta)
+    now = State(motion, start.u_s, start.mode, case)
     place = placement(now, model)
     accelerations.extend(rhs_at(place, Q, now, model, Recorded())[0].acceleration)
     # Products have twice the frequency: their integrals need more terms of the truncated motion.
@@ -202,7 +203,7 @@ def integrated_works(expansion: TaylorExpansion, order: int, s: Scalar) -> Ledge
     drive, viscous, friction = (a if is_zero(a) else gained(a) for a in parts)
     gross = jnp.abs(half) + jnp.abs(drive - half)
     joules = 1 / (expansion.unit * expansion.unit)
-    return Ledger(*(a * joules for a in (drive, gross, viscous, friction)))
+    return Ledger(drive=drive * joules, gross=gross * joules, viscous=viscous * joules, friction=friction * joules)
 
 
 def integrated_moments(expansion: TaylorExpansion, order: int, s: Scalar) -> Moments:

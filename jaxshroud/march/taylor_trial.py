@@ -128,9 +128,9 @@ def trial_and_series(lane: Lane, fixed: Fixed[Model], method: Choices) -> tuple[
     if method.derivative:
         s = _differentiable_end(expansion, order, event, s, _remaining_angle(lane, fixed))
     displacements = jax.tree.map(lambda a: a.coefficients(order), displacements_of(expansion.motion))
-    found = (None, None)
+    deepest, by_series = (None, None)
     if not method.derivative:
-        found = _found_in_trial(expansion, s, lane, event, kind, fixed, method)
+        deepest, by_series = _found_in_trial(expansion, s, lane, event, kind, fixed, method)
     gain = Integrals(
         integrated_squares(expansion, order, s, fixed.model),
         integrated_works(expansion, order, s),
@@ -138,9 +138,16 @@ def trial_and_series(lane: Lane, fixed: Fixed[Model], method: Choices) -> tuple[
         integrated_loads(expansion, order, s, lane.state, linear_law(fixed.model.law)) if method.forces else None,
         integrated_means(expansion, order, s) if method.vibration else None,
     )
-    return TaylorTrial(
-        motion_after(displacements, expansion.unit, s), gain, s / step, kind, event, *found
-    ), displacements
+    trial = TaylorTrial(
+        motion=motion_after(displacements, expansion.unit, s),
+        gain=gain,
+        length=s / step,
+        kind=kind,
+        event=event,
+        deepest=deepest,
+        by_series=by_series,
+    )
+    return trial, displacements
 
 
 def _trial_event(
@@ -246,9 +253,9 @@ def motion_in_trial(
 def motion_after(displacements: DisplacementSeries, unit: Scalar, s: Scalar) -> Motion:
     """The motion after `s` radians of `unit` seconds each."""
     ends = [[a if is_zero(a) else polynomial_value_and_rate(a, s) for a in pair] for pair in displacements]
-    values = [tuple(a if is_zero(a) else a[0] for a in pair) for pair in ends]
-    speeds = [tuple(a if is_zero(a) else a[1] / unit for a in pair) for pair in ends]
-    return Motion(*values, *speeds)
+    x, y, theta = (tuple(a if is_zero(a) else a[0] for a in pair) for pair in ends)
+    v_x, v_y, v_theta = (tuple(a if is_zero(a) else a[1] / unit for a in pair) for pair in ends)
+    return Motion(x=x, y=y, theta=theta, v_x=v_x, v_y=v_y, v_theta=v_theta)
 
 
 def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[Model], method: Choices) -> Lane:
@@ -266,9 +273,21 @@ def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[Model], method
     h = trial.length * grid.h
     change = event_change(z, Q, start, fire, trial.kind, h, fixed)
     transition = change.transition
-    ending = Ending(transition, fire, event.inside)
-    ends, sums = (z, z, trial.deepest, change.lift), (trial.gain, change.jumps)
-    accepted = AcceptedTrial(start, start.mode, h, *ends, *sums, lane.step, step, ending, trial.by_series)
+    accepted = AcceptedTrial(
+        start=start,
+        mode=start.mode,
+        h=h,
+        end=z,
+        after=z,
+        v=trial.deepest,
+        lift=change.lift,
+        gain=trial.gain,
+        jumps=change.jumps,
+        step=lane.step,
+        next_step=step,
+        events=Ending(transition, fire, event.inside),
+        by_series=trial.by_series,
+    )
     accumulator = updated_accumulator(lane.accumulator, accepted, model, method)
     accumulator = accumulator._replace(margins=updated_margins(accumulator.margins, change, fire, model))
     lost, tries = ~is_finite(z), jnp.maximum(next_search.events, next_search.tries)

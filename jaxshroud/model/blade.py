@@ -48,6 +48,11 @@ class Acceleration(NamedTuple):
     theta: Any  # [rad/s^2]
 
 
+def rate_of_motion(z: Motion, a: Acceleration) -> Motion:
+    """The time derivative of a motion."""
+    return Motion(x=z.v_x, y=z.v_y, theta=z.v_theta, v_x=a.x, v_y=a.y, v_theta=a.theta)
+
+
 class LumpedBlade(eqx.Module):
     """A mass on springs and dampers (Sec. 2.1): the fields of `Blades`, of both blades, or of one."""
 
@@ -88,7 +93,7 @@ class LumpedBlade(eqx.Module):
 
     def rate(self, z: Motion, a: Acceleration) -> Motion:
         """The rate of a motion with these accelerations."""
-        return Motion(z.v_x, z.v_y, z.v_theta, *a)
+        return rate_of_motion(z, a)
 
     def turning(self, a: Acceleration) -> Any:
         """The angular acceleration of the shroud."""

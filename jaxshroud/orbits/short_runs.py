@@ -23,6 +23,7 @@ from jaxshroud.batch.tangents import direction, run_flow, without_direction
 from jaxshroud.cache.programs import kept
 from jaxshroud.march.method import Choices
 from jaxshroud.model.arithmetic import Scalar, Symbolic, filled
+from jaxshroud.model.blade import rate_of_motion
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.linear import free_rms_displacement
 from jaxshroud.model.prepared import State, initial_state, prepared_model
@@ -179,7 +180,7 @@ def _lane_period(scene: Scene, moving: MovingState, rtol: float | Scalar, solver
         z, u_s, _ = y
         Q = drive_waves(jnp.sin(omega * t), jnp.cos(omega * t), model.drive)
         slope, rates = rhs(Q, State(z, u_s, first.mode, first.case), model, Recorded())
-        return Motion(z.v_x, z.v_y, z.v_theta, *slope.acceleration), slope.u_s, rates.power
+        return rate_of_motion(z, slope.acceleration), slope.u_s, rates.power
 
     no_power = jax.tree.map(jnp.zeros_like, field(0.0, (*moving, None), None)[2])
     solution = diffrax.diffeqsolve(
