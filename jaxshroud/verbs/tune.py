@@ -39,10 +39,12 @@ from jaxshroud.verbs.design_problem import (
 from jaxshroud.verbs.gradient_ascent import (
     BETWEEN,
     LIMIT_MARGIN,
+    OTHER_STARTS,
     POLISH_SAMPLES,
     POLISH_WIDTHS,
     REFINE_ROUNDS,
     SAME_START_CHECKS,
+    TIMES_LONGER,
     Looked,
     SearchOptions,
     ascent_paths,
@@ -195,7 +197,8 @@ def _most_lanes(problem: Problem, counts: tuple[int, int, int]) -> int:
     """
     scan, n_starts, updates = counts
     size = len(problem.over)
-    check_size(max(scan, n_starts * (1 + 3 * size)) * problem.runs, 4 * problem.plan.transient, 4 * problem.plan.kept)
+    at_once = max(scan, n_starts * (1 + 3 * size), 1 + OTHER_STARTS) * problem.runs
+    check_size(at_once, TIMES_LONGER * problem.plan.transient, TIMES_LONGER * problem.plan.kept)
     ascents = min(n_starts, scan) * (updates + 1) * (1 + 3 * size) if updates else 0
     rounds = 2 * BETWEEN * REFINE_ROUNDS if size == 1 else len(POLISH_WIDTHS) * POLISH_SAMPLES * size
     return problem.runs * (scan + ascents + rounds + 1) + runs_of_checks(problem)
