@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from jaxshroud.batch.limits import check_size
-from jaxshroud.batch.plan import Plan, Tick
+from jaxshroud.batch.plan import Plan, Runs, Tick
 from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import in_scene_precision, initial_states
 from jaxshroud.batch.xla import repeat_lane
@@ -232,29 +232,47 @@ def start_states(problem: Problem, scenes: Scene) -> State:
     return repeat_lane(in_scene_precision(problem.state, scenes), len(scenes.drive.omega))
 
 
-def both_reductions(problem: Problem, design: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """P_d, and that of the vibration alone, of a design (keys,) in every condition, at every draw [%]."""
-    scenes = in_precision(without_given(scenes_of(problem, design[None])), problem.plan.method.precision)
-    runs = run_lanes(scenes, start_states(problem, scenes), problem.plan, lambda _: None)
-    P_d, alone = (levels_of(of, scenes, runs.samples).value for of in ("P_d", "P_d_vibration"))
+class SimulatedDesigns(NamedTuple):
+    """Designs simulated in every condition, at every draw, (designs * runs,)."""
+
+    scenes: Scene
+    runs: Runs
+
+
+def simulate_designs(
+    problem: Problem, designs: np.ndarray, tick: Tick, states: State | None = None
+) -> SimulatedDesigns:
+    """Simulate designs (n, keys), by default from the start of the problem."""
+    scenes = in_precision(without_given(scenes_of(problem, designs)), problem.plan.method.precision)
+    states = start_states(problem, scenes) if states is None else states
+    return SimulatedDesigns(scenes, run_lanes(scenes, states, problem.plan, tick))
+
+
+def both_reductions(simulated: SimulatedDesigns) -> tuple[np.ndarray, np.ndarray]:
+    """P_d, and that of the vibration alone, of each run [%]."""
+    P_d, alone = (levels_of(of, simulated.scenes, simulated.runs.samples).value for of in ("P_d", "P_d_vibration"))
     return P_d, alone
 
 
 def judge_designs(problem: Problem, designs: np.ndarray, tick: Tick, states: State | None = None) -> DesignJudgement:
-    """Simulate designs (n, keys) in every condition, at every draw, by default from the start of the problem."""
-    scenes = in_precision(without_given(scenes_of(problem, designs)), problem.plan.method.precision)
-    runs = run_lanes(scenes, start_states(problem, scenes) if states is None else states, problem.plan, tick)
+    """Simulate designs (n, keys), by default from the start of the problem, and judge them."""
+    return judgement_of(problem, simulate_designs(problem, designs, tick, states))
+
+
+def judgement_of(problem: Problem, simulated: SimulatedDesigns) -> DesignJudgement:
+    """The judgement of designs by their runs."""
+    scenes, runs = simulated
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # powers of an extreme design overflow
         level, ci, number = levels_of(problem.of, scenes, runs.samples)
         reduction = problem.reduction(level)
-    shape = len(designs), problem.runs
+    shape = len(level) // problem.runs, problem.runs
     v_max = np.asarray((runs.log.within or runs.log).v_max, float)
     ok = np.asarray(runs.last.status) == Status.OK
     P_d = np.where(ok & np.isfinite(reduction), reduction, -np.inf).reshape(shape)
     objective = P_d.mean(axis=1) if problem.goal == "mean" else P_d.min(axis=1)
     with np.errstate(invalid="ignore", over="ignore"):  # a lane that stopped has no penetration
         N_max = stiffnesses(scenes).reshape(len(v_max), -1) * v_max  # at each interface
-        v, force = (a.reshape(len(designs), -1).max(axis=1) for a in (v_max, N_max))
+        v, force = (a.reshape(shape[0], -1).max(axis=1) for a in (v_max, N_max))
         excess = np.maximum(v / problem.most_penetration - 1, 0) + np.maximum(force / problem.most_force - 1, 0)
     score = np.where(np.isfinite(objective), objective - PENALTY * problem.scale * excess, -np.inf)
     ci = (ci if is_reduction(problem.of) else 100 * ci / problem.free).reshape(shape)

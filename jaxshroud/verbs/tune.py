@@ -33,8 +33,10 @@ from jaxshroud.verbs.design_problem import (
     check_comparable,
     design_corners,
     judge_designs,
+    judgement_of,
     problem_of,
     scenes_of,
+    simulate_designs,
 )
 from jaxshroud.verbs.gradient_ascent import (
     BETWEEN,
@@ -230,9 +232,10 @@ def _search(
     u = polished[-1]
     design = problem.values(u)
     periods = ticker.done
-    judgement = judge_designs(problem, design[None], ticker)
+    simulated = simulate_designs(problem, design[None], ticker)
+    judgement = judgement_of(problem, simulated)
     checks = verify_design(problem, design, seed, ticker)
-    P_d, P_d_vibration = both_reductions(problem, design)
+    P_d, P_d_vibration = both_reductions(simulated)
     values = {
         "best": design,
         "bound": [_bound(place) for place in u],
