@@ -134,6 +134,7 @@ DESIGN_STYLE: Properties = {
 DESIGN_MARK = Line2D([], [], label="tuned design", **DESIGN_STYLE)
 STEP_LABEL = "update, then round of samples"
 START_STYLE: Properties = {"marker": "o", "color": INK, "lw": 1.0, "mfc": "white", "mec": INK, "mew": 0.6, "ms": 3.5}
+ROUNDS_STYLE: Properties = {"marker": ".", "color": INK, "ls": "", "ms": 4}
 ROUND_DASHES = (0, (2.5, 1.2))  # dashes of the rounds of samples
 
 
@@ -150,8 +151,8 @@ class TuningData(NamedTuple):
 def tuning_page(data: Summary, appearance: Appearance) -> Page[TuningData]:
     """The paths of a tuning on the map of its objective, or key by key if it has no map, and the scores of the paths.
 
-    The best path continues as a dashed line through the rounds of samples around its end, to the tuned design. If the
-    tuning has `robust`, the panels of robustness follow below.
+    The best path continues as a dashed line through the rounds of samples around its end, to the tuned design. Of one
+    number the picture is the score over its values instead. If the tuning has `robust`, its panels follow below.
 
     Args:
         data: A tuning as `tune.json` holds it.
@@ -163,9 +164,43 @@ def tuning_page(data: Summary, appearance: Appearance) -> Page[TuningData]:
     points, scores = np.array(data["points"]), np.array(data["scores"], float)
     best = int(np.nanargmax(scores[-1]))
     content = TuningData(data, points, scores, best, _sample_rounds(data, points[-1, best], scores[-1, best]))
+    more = 0.0 if below is None else below.size[1]
+    if len(data["over"]) == 1:
+        values = Panel("values", _draw_values)
+        return Page(content, (values,), title, (COLUMN_WIDTH, 3.2 + more), finish=_name_values, below=below)
     paths = Panel("designs", _draw_keys if data["map"] is None else _draw_paths, 3.6)
-    size = COLUMN_WIDTH, 4.9 + (0.0 if below is None else below.size[1])
+    size = COLUMN_WIDTH, 4.9 + more
     return Page(content, (paths, Panel("scores", _draw_scores)), title, size, finish=_name_paths, below=below)
+
+
+def _draw_values(panel: Axes, tuning: TuningData) -> None:
+    """The score at all values of one number that were tried, and where the best is."""
+    data = tuning.data
+    (key, ends), (design,) = *data["over"].items(), data["design"].values()
+    label, unit = quantity(key, names=_names(data))
+    low, high = data["best_between"][key]
+    panel.axvspan(low * unit, high * unit, color=SKY, alpha=0.25, lw=0, zorder=0)
+    scan = np.array(data["scanned"], float)[:, 0]
+    order = np.argsort(scan)
+    scores, half = (np.array(data[name], float)[order] for name in ("scanned_scores", "scanned_ci"))
+    panel.errorbar(scan[order] * unit, scores, half, fmt="o-", color=BLUE, ms=3, lw=0.9, capsize=1.5)
+    path = np.column_stack([tuning.points[:, tuning.best], tuning.scores[:, tuning.best]])
+    looked = np.concatenate([path, tuning.rounds])
+    panel.plot(looked[:, 0] * unit, looked[:, 1], **ROUNDS_STYLE)
+    panel.plot(design * unit, looked[-1, 1], **DESIGN_STYLE)
+    panel.set(xlabel=label, ylabel="score [%]", xscale="log" if ends[0] > 0 else "linear")
+
+
+def _name_values(figure: AnyFigure, axes: Mapping[str, Axes], tuning: TuningData) -> None:
+    """Add the legend of the values."""
+    del axes, tuning
+    tried: Properties = {"color": BLUE, "marker": "o", "ms": 3, "lw": 0.9}
+    handles: list[Artist] = [
+        Line2D([], [], label="scan, with 95 % intervals", **tried),
+        Line2D([], [], label="looked at later", **ROUNDS_STYLE),
+        Patch(color=SKY, alpha=0.25, label="the best is between"),
+    ]
+    legend_below(figure, [*handles, DESIGN_MARK])
 
 
 def _name_paths(figure: AnyFigure, axes: Mapping[str, Axes], tuning: TuningData) -> None:
@@ -198,8 +233,6 @@ def _draw_scores(panel: Axes, tuning: TuningData) -> None:
 def _sample_rounds(data: Summary, end: PlotArray, score: float) -> PlotArray:
     """The designs of the rounds of samples after the end of the best path, with their scores in the last column."""
     first = np.append(end, score)[None]
-    if data.get("polished") is None:  # a tuning that an earlier version wrote
-        return first
     rounds = np.column_stack([np.array(data["polished"], float), np.array(data["polished_scores"], float)])
     return np.concatenate([first, rounds])
 

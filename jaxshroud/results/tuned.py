@@ -29,7 +29,8 @@ ROBUST = (
     *("scattered_v_max", "at_least", "probability", "probability_low", "probability_high"),
     *("motions", "motions_worst", "motions_undecided"),
 )
-SEARCH = ("points", "scores", "polished", "polished_scores")  # the data of the picture
+SCAN = "scanned", "scanned_scores", "scanned_ci"
+SEARCH = ("points", "scores", "polished", "polished_scores", *SCAN)  # the data of the picture
 END_FLAGS = {"flag_meanings": " ".join(ENDED_BY)}
 
 
@@ -211,8 +212,8 @@ class Tuned(Result):
 
     @property
     def flat(self) -> str:
-        """What to say where the scan's scores move less than their intervals; else, and in old files, empty."""
-        return "" if self.scanned_ci is None else flat_text(self.scanned_scores, self.scanned_ci)
+        """What to say where the scan's scores move less than their intervals; else empty."""
+        return flat_text(self.scanned_scores, self.scanned_ci)
 
     @property
     def checks(self) -> dict[str, DesignJudgement]:
@@ -284,7 +285,7 @@ class Tuned(Result):
         outcome = ("feasible", "design", "best_between", "objective", "at_bounds", "confirmed", "periods", "best_P_d")
         request = ("best_P_d_vibration", "over", "conditions", "goal", "most_penetration", "most_force")
         tuned = {} if self.quantity == "P_d" else {name: getattr(self, name) for name in ("of", "free", "level")}
-        search = (*SEARCH, "exact", "scanned", "scanned_scores")
+        search = (*SEARCH, "exact")
         return json_values(
             {
                 **{name: getattr(self, name) for name in (*outcome, *request)},
@@ -333,7 +334,7 @@ class Tuned(Result):
         """
         from jaxshroud.plotting.pictures import picture
 
-        names = (*SEARCH, "goal", "over", "design")
+        names = (*SEARCH, "goal", "over", "design", "best_between")
         content = {name: getattr(self, name) for name in names} | {"map": drawn, "robust": self.robust}
         content |= {"of": self.quantity, "blades": self._blades}
         content["title"] = self.data.attrs.get("title") or "tuning"

@@ -33,12 +33,16 @@ def test_a_tuning_is_drawn_to_the_design_and_the_objective_told(grid):
         assert end in [one for one, line in zip(last_points(left), left.lines, strict=True) if line.get_marker() != "*"]
 
 
-def test_a_tuning_of_an_earlier_version_draws_what_it_holds():
-    told = tuning()
-    del told["polished"], told["polished_scores"]
-    right = drawn(picture("tuned", told)).axes[1]
-    assert last_points(right) == [[2.0, 42.0], [2.0, 47.0]]
-    assert right.get_legend() is None
+def test_a_tuning_of_one_number_is_drawn_over_its_values():
+    gap, told = {"shroud.gap": [-1e-5, 4e-5]}, {"points": [[[2e-5]]], "scores": [[40.0]]}
+    scan = {"scanned": [[0.0], [3e-5], [1e-5]], "scanned_scores": [10.0, 30.0, 20.0], "scanned_ci": [1.0, np.nan, 2.0]}
+    best = {"design": {"shroud.gap": 2.5e-5}, "best_between": {"shroud.gap": (2e-5, 3e-5)}}
+    rounds = {"polished": [[2.5e-5]], "polished_scores": [42.0]}
+    (panel,) = drawn(picture("tuned", tuning(over=gap, **told, **scan, **best, **rounds))).axes
+    values, *_ = panel.containers[0]
+    np.testing.assert_allclose(values.get_xydata(), [[0.0, 10.0], [0.01, 20.0], [0.03, 30.0]])
+    assert pytest.approx([0.025, 42.0]) in last_points(panel)
+    assert [text.get_text() for text in panel.figure.legends[0].get_texts()][0] == "scan, with 95 % intervals"
 
 
 def scattered(low, high):
