@@ -96,7 +96,7 @@ class PureMarch(NamedTuple):
     """(stopped, scenes) -> scenes without numbers out of all bounds."""
     counted: Callable[[Any], Any]
     """The sum of numbers (lanes, blades) of the blades that count."""
-    told: Callable[[Any], Any]
+    free_power: Callable[[Any], Any]
     """The power without contact as a sweep tells it; None where the sweep does not."""
 
 

@@ -75,8 +75,8 @@ def _chunk_of_pairs(scenes: Scene, states: State, plan: SweepPlan) -> LaneOutcom
 
     def push(primals, tangents):
         run, flow = jax.vmap(partial(samples_and_tangents, schedule=plan.schedule))(primals, perturbed_only(tangents))
-        told = flow.state.motion, flow.power, flow.means
-        motion, power, means = lost_tangents(run.status != Status.OK, told)
+        by_blades = flow.state.motion, flow.power, flow.means
+        motion, power, means = lost_tangents(run.status != Status.OK, by_blades)
         power, means = jax.tree.map(lambda a: jnp.mean(a, axis=1), (power, means))
         slope = LaneOutcomes(motion, power, means, None)
         value = outcomes_of(*primals)
@@ -103,7 +103,7 @@ PURE_PAIRS = PureMarch(
     outcomes=_chunk_of_pairs,
     within_bounds=lambda stopped, scenes: replaced_where(stopped, scenes, 1.0),
     counted=lambda a: a[:, 0],
-    told=lambda _: None,
+    free_power=lambda _: None,
 )
 
 
@@ -214,8 +214,8 @@ def _moments_of_row(begin: Admitted, schedule: Schedule) -> SampledMoments:
 def _chunk_of_rows(rows: Scene, states: State, plan: SweepPlan) -> LaneOutcomes:
     """The results of a chunk of rows, by the kernels of the verb `sweep`."""
     strobe = row_strobe(rows, states, *plan)
-    told = strobe.motion, strobe.power, strobe.means
-    motion, power, means = jax.tree.map(lambda a: tuple(jnp.moveaxis(a, -1, 0)), told)
+    by_blades = strobe.motion, strobe.power, strobe.means
+    motion, power, means = jax.tree.map(lambda a: tuple(jnp.moveaxis(a, -1, 0)), by_blades)
     return LaneOutcomes(motion, power, means, strobe.status)
 
 
@@ -224,5 +224,5 @@ PURE_ROWS = PureMarch(
     outcomes=_chunk_of_rows,
     within_bounds=lambda _, scenes: scenes,
     counted=lambda a: a.sum(axis=-1),
-    told=lambda P_0: P_0,
+    free_power=lambda P_0: P_0,
 )

@@ -176,8 +176,8 @@ def _end_row_period(
     logged = {name: getattr(log, name) for name in LOGGED_BY_PERIOD}
     sums = {"moments": gain.moments, "means": means}
     of_blades = {"motion": z, "largest": logged.pop("largest"), "extent": logged.pop("extent")} | sums
-    told = filled(of_blades, gain.power) | filled({"loads": gain.loads} | logged, jumps.springs)
-    sample = Sample(power=gain.power / period[None], **works, **told)
+    others = filled(of_blades, gain.power) | filled({"loads": gain.loads} | logged, jumps.springs)
+    sample = Sample(power=gain.power / period[None], **works, **others)
     totals = (jnp.sum(jnp.atleast_2d(a), axis=0) for a in jax.tree.leaves(sample._replace(own=None)))
     overflowed = ended & (lanes.status == Status.OK) & ~jnp.isfinite(sum(totals, gained))
     status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)

@@ -238,11 +238,11 @@ def unfolded_flow(flow: Dual, copies: int) -> Dual:
     if copies == 1:
         return flow
 
-    def told(part: Any) -> Any:
+    def tiled(part: Any) -> Any:
         numbers = {name: _tiled(getattr(part, name), copies, -1) for name in ("power", "moments", "means")}
         return part._replace(**numbers)
 
-    return Dual(*map(told, flow))
+    return Dual(*map(tiled, flow))
 
 
 def unfolded_runs(runs: Runs, copies: int) -> Runs:

@@ -128,7 +128,7 @@ def run_periods(
         The lanes at the end, and their samples, see `Runs`.
     """
     blocks: list[Sample] = []
-    interim, done, told = at_start_of_period(lanes), 0, 0.0
+    interim, done, reported = at_start_of_period(lanes), 0, 0.0
     while done < n:
 
         def call(passes: np.int32, left: int = n - done, interim: Interim = interim) -> tuple[Interim, int, Any]:
@@ -142,8 +142,8 @@ def run_periods(
             blocks.append(jax.tree.map(lambda a, n=ended: in_float64(a)[:n].swapaxes(0, 1), march.sample(samples)))
         done += ended
         now = done + (_part_of_period(interim.lanes, clock) if interim.inside else 0.0)
-        tick(now - told)
-        told = now
+        tick(now - reported)
+        reported = now
     return interim.lanes, jax.tree.map(lambda *a: np.concatenate(a, axis=1), *blocks) if blocks else None
 
 

@@ -95,12 +95,12 @@ def sweep_function(
         begin = initial_states(scenes) if states is None else in_precision(states, plan.method.precision)
         lanes = jax.vmap(lambda scene, state: admit(scene, state, plan.steps, plan.method))(scenes, begin)
         strobe = _run_sweep(lanes.scene, lanes.start, plan, plan.method)
-        told = status_if_admitted(strobe.status, lanes.good), lanes.coarseness, nan_where(~lanes.good, strobe.P_0)
+        values = status_if_admitted(strobe.status, lanes.good), lanes.coarseness, nan_where(~lanes.good, strobe.P_0)
 
         def places(strobe):
             return (strobe.status, strobe.coarseness, strobe.P_0)
 
-        return eqx.tree_at(places, strobe, told, is_leaf=lambda a: a is None)
+        return eqx.tree_at(places, strobe, values, is_leaf=lambda a: a is None)
 
     return function
 
@@ -125,16 +125,16 @@ def _run_sweep(scenes: Scene, states: State, plan: SweepPlan, method: Choices) -
 
     outcomes = _by_chunks(run, (scenes, states), len(scenes.drive.omega))
     stopped = outcomes.status != Status.OK
-    told = pure.within_bounds(stopped, scenes)
-    A, P_0 = jax.vmap(lambda scene: (area(scene.shroud), free_power(scene)))(told)
+    within = pure.within_bounds(stopped, scenes)
+    A, P_0 = jax.vmap(lambda scene: (area(scene.shroud), free_power(scene)))(within)
     motion = Motion(*(jnp.stack(blades, axis=-1) for blades in outcomes.motion))
     power = jnp.stack(outcomes.power, axis=-1)
     means = jnp.stack([jnp.stack(blades, axis=-1) for blades in outcomes.means], axis=1)
     square, means = replaced_where(stopped, (power, means), 0.0)
-    means = jax.vmap(means_from_static)(told, means)
-    about_mean = jax.vmap(vibration_square)(square[:, : means.shape[-1]], means, jax.vmap(gyration)(told.shroud))
+    means = jax.vmap(means_from_static)(within, means)
+    about_mean = jax.vmap(vibration_square)(square[:, : means.shape[-1]], means, jax.vmap(gyration)(within.shroud))
     P, P_vibration = A[:, None] * square, A[:, None] * about_mean
     P_d, P_d_vibration = (power_reduction(pure.counted(a), pure.counted(P_0)) for a in (P, P_vibration))
     motion = jax.tree.map(lambda a: nan_where(jnp.isnan(a), a), motion)
     P, P_d, P_d_vibration = nan_where(stopped, (P, P_d, P_d_vibration))
-    return Strobe(motion, P, P_d, P_d_vibration, outcomes.status, jnp.zeros_like(A), pure.told(P_0))
+    return Strobe(motion, P, P_d, P_d_vibration, outcomes.status, jnp.zeros_like(A), pure.free_power(P_0))

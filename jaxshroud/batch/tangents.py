@@ -74,7 +74,7 @@ def _run_in_calls(
         counts, lengths = jnp.asarray(np.ceil(steps * turns), jnp.int32), jnp.asarray(turns, omega.dtype)
     program, flat = march_of(scenes.value).flows, np.asarray(method.flat_return, omega.dtype)
     lanes, pace = program.begin(scenes, states, method), CallPace(first_passes(len(omega), layout))
-    done, told = 0, 0.0
+    done, reported = 0, 0.0
     while done < n:
 
         def call(passes: np.int32, left: int = n - done, lanes: Dual = lanes) -> tuple[Dual, int]:
@@ -85,8 +85,8 @@ def _run_in_calls(
         lanes, ended = pace.timed(call, lambda result, left=n - done: result[1] < left)
         done += ended
         now = done + (float(np.mean(lanes.value.step) / np.mean(counts)) if done < n else 0.0)
-        tick(now - told)
-        told = now
+        tick(now - reported)
+        reported = now
     value, slope = map(program.expanded, program.end(scenes, lanes, jnp.int32(n), lengths))
     return Dual(value, slope)
 

@@ -31,7 +31,7 @@ MAX_BYTES = 1 << 29  # of all entries
 OTHER_PLACE = "set JAX_COMPILATION_CACHE_DIR to one that is"
 
 log = logging.getLogger("jaxshroud.programs")
-_told: set[str] = set()  # faults of folders
+_reported: set[str] = set()  # faults of folders
 
 
 class ProgramStore:
@@ -103,8 +103,8 @@ def own_folder(folder: Path) -> bool:
     except OSError as error:
         log.info("%s: not used (%s)", folder, error.strerror or error)
         return False
-    if fault and fault not in _told:
-        _told.add(fault)
+    if fault and fault not in _reported:
+        _reported.add(fault)
         log.warning("%s; until then programs are compiled anew in every process", fault)
     return not fault
 

@@ -28,7 +28,7 @@ def check_command(options: argparse.Namespace) -> None:
     lines = lines_of(sheet)
     if rest := left_out(sheet):
         lines["not shown"] = rest
-    lines |= file.told
+    lines |= file.notes
     if options.out is not None:
         _write_sheet(sheet, file, options, start)
         lines["written"] = files_written()

@@ -140,7 +140,7 @@ def _members_of(result: Response) -> list[str]:
 def _extreme_rows(result: Response) -> dict[str, str]:
     """The largest amplitude and the smallest P_d of each member."""
     rows = zip(_members_of(result), result.extremes, strict=True)
-    return {f"{name}{member}": told["words"] for member, extremes in rows for name, told in extremes.items()}
+    return {f"{name}{member}": extreme["words"] for member, extremes in rows for name, extreme in extremes.items()}
 
 
 def _jump_rows(result: Response) -> dict[str, str]:

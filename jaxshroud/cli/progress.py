@@ -77,9 +77,9 @@ class ProgressReport:
     def pace(self) -> str:
         """The rate, the time that is left, and what is being done meanwhile."""
         left = self.seconds_left
-        told = [f"{self.rate:.3g}/s"] if self.rate else []
-        told += [] if left is None else [f"{timedelta(seconds=round(left))} left"]
-        return ", ".join(told)
+        parts = [f"{self.rate:.3g}/s"] if self.rate else []
+        parts += [] if left is None else [f"{timedelta(seconds=round(left))} left"]
+        return ", ".join(parts)
 
     @property
     def meanwhile(self) -> str:
@@ -171,8 +171,8 @@ def progress_bar(unit: str) -> Iterator[Callable[[float, int], None]]:
     ):
         task = bar.add_task(unit, total=None)
 
-        def told(done: float, total: int) -> None:
+        def update(done: float, total: int) -> None:
             report(done, total)
             bar.update(task, completed=done, total=total or None)
 
-        yield told
+        yield update

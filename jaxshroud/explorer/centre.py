@@ -5,7 +5,7 @@ from typing import Any, Protocol
 import numpy as np
 from bokeh.models import Div, RadioButtonGroup, Select, TextInput
 
-from jaxshroud.explorer.controls import buttons, told
+from jaxshroud.explorer.controls import buttons, fault_of
 from jaxshroud.explorer.diagram import Window
 from jaxshroud.explorer.exploration import Exploration, few_digits, number_fields
 from jaxshroud.explorer.messages import note_html
@@ -140,7 +140,7 @@ class Centre:
         """Take the ends that were typed: bare numbers are in the unit that is shown."""
         if self.silent:
             return
-        wrong = told(self._take_ends)
+        wrong = fault_of(self._take_ends)
         self.wrong.update(text=note_html(wrong, wrong=True) if wrong else "", visible=bool(wrong))
 
     def _take_ends(self) -> None:

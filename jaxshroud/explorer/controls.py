@@ -48,7 +48,7 @@ class FieldWidgets:
             return
         key = self.number.key
         refusal = self.number.refusal(text)
-        self.say(refusal or told(lambda: self.change(key.name, override_of(key, text))))
+        self.say(refusal or fault_of(lambda: self.change(key.name, override_of(key, text))))
 
     def _slid(self, shown: float) -> None:
         self._typed(f"{shown:.{DIGITS}g}")
@@ -72,7 +72,7 @@ class FieldWidgets:
             self.silent = False
 
 
-def told(change: Callable[[], None]) -> str:
+def fault_of(change: Callable[[], None]) -> str:
     """What is wrong with a change, which is made unless it is refused; empty where nothing is."""
     try:
         change()
@@ -123,7 +123,7 @@ class Controls:
     def _chosen(self, key: str, words: str) -> None:
         if self.silent:
             return
-        wrong = told(lambda: self.change(key, CHOICES[key][words]))
+        wrong = fault_of(lambda: self.change(key, CHOICES[key][words]))
         self.wrong.update(text=note_html(wrong, wrong=True) if wrong else "", visible=bool(wrong))
 
     def show(self, exploration: Exploration) -> None:

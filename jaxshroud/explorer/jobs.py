@@ -149,7 +149,7 @@ class YieldingProgress:
         self.go_on = go_on
         self.tell = tell
         self.first = first
-        self.told = 0.0
+        self.reported_at = 0.0
 
     def give_way(self) -> None:
         """Wait for what is wanted first, for a while."""
@@ -163,8 +163,8 @@ class YieldingProgress:
         """Report that `done` of `total` are done."""
         since = time.monotonic()
         self.give_way()
-        if since - self.told > REPORT_INTERVAL:
-            self.told = since
+        if since - self.reported_at > REPORT_INTERVAL:
+            self.reported_at = since
             self.tell(done / max(total, 1))
 
 

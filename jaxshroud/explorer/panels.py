@@ -180,8 +180,8 @@ class DiagramPanel:
         }
         words = [status_name(int(code)) for code in result.status[~ok]]
         self.stopped.data = {"shown": value[~ok] * self.factor, "words": words}
-        told = f'<span class="wrong">{(~ok).sum()} lanes stopped: {", ".join(sorted(set(words)))} (lines)</span>'
-        self.legend.text = legend_html(set(motion.tolist())) + (told if words else "")
+        stopped = f'<span class="wrong">{(~ok).sum()} lanes stopped: {", ".join(sorted(set(words)))} (lines)</span>'
+        self.legend.text = legend_html(set(motion.tolist())) + (stopped if words else "")
 
     def show_cursor(self, value: float | None) -> None:
         """Mark the value whose motion is shown."""

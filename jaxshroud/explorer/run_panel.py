@@ -277,8 +277,8 @@ class RunPanel:
         bar = dots.construct_color_bar(width=8, title="[mm]")
         scaled_ticks(bar, 1e3)
         ring.add_layout(bar, "right")
-        told = {"blade": "@blade", "with contact": "@peak{0.000e+0} m", "without": "@free{0.000e+0} m"}
-        ring.hover.tooltips = list(told.items())
+        shown = {"blade": "@blade", "with contact": "@peak{0.000e+0} m", "without": "@free{0.000e+0} m"}
+        ring.hover.tooltips = list(shown.items())
         waves = new_plot("waves of the last period", 200, "nodal diameter", "harmonic", "waves_plot", tools="hover")
         shade = LinearColorMapper(palette=GREYS, low=-4, high=0)
         tiles = waves.rect(

@@ -187,9 +187,8 @@ class FlagsVariable(Variable):
     def read(self, data: "xr.Dataset") -> Any:
         """The names of the flags that are set."""
         is_set = data[self.name].to_numpy().astype(bool)
-        flags = data[self.name].attrs["flag_meanings"].split(", ")  # an earlier version knew fewer
-        rows = is_set.reshape(-1, len(flags))
-        names = [tuple(flag for flag, here in zip(flags, row, strict=True) if here) for row in rows]
+        rows = is_set.reshape(-1, len(self.flags))
+        names = [tuple(flag for flag, here in zip(self.flags, row, strict=True) if here) for row in rows]
         return lanes_in_shape(names, is_set.shape[:-1])
 
 

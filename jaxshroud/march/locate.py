@@ -19,11 +19,11 @@ from jaxshroud.model.arithmetic import Pair, Scalar, is_zero, traced_once, where
 from jaxshroud.scene.typed import Tree
 
 
-def _undifferentiated(name: str, told: str) -> Primitive:
+def _undifferentiated(name: str, message: str) -> Primitive:
     """The identity, whose derivative raises a TypeError; a custom rule would be lost in reverse mode."""
 
     def refuse(primals: object, tangents: object) -> NoReturn:
-        raise TypeError(told)
+        raise TypeError(message)
 
     one = Primitive(name)
     one.def_impl(lambda a: a)

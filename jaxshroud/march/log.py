@@ -132,7 +132,7 @@ def _updated_log(log: Log, trial: AcceptedTrial, model: Model, method: Choices) 
         return of_blades(one, one.update, before, blades._replace(by_series=by_series))
 
     found = [None] * len(observables) if by_series is None else by_series
-    return log_of({one.name: updated(one, told) for one, told in zip(observables, found, strict=True)})
+    return log_of({one.name: updated(one, value) for one, value in zip(observables, found, strict=True)})
 
 
 def log_of_new_period(log: Log, z: Motion, method: Choices) -> Log:

@@ -100,12 +100,12 @@ class StagedProgress:
         """The progress of the next stage; those before it have ended."""
         before = self.total
 
-        def told(done: int | float, total: int) -> None:
+        def report_stage(done: int | float, total: int) -> None:
             self.total = before + max(math.ceil(done), total)
             if self.report is not None:
                 self.report(before + done, self.total if total else 0)
 
-        return told
+        return report_stage
 
 
 def run_together(

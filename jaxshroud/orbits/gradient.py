@@ -296,8 +296,8 @@ def _sampled_levels(scene: Scene, wrt: Sequence[str], values: np.ndarray, of: Qu
     Then P_d and that of the vibration alone, NaN of other quantities.
     """
     scenes = in_precision(without_given(scenes_around(scene, wrt, values)), plan.method.precision)
-    told = amplitude_of(of) is not None, is_reduction(of)
-    plan = replace(plan, method=plan.method._replace(amplitudes=told[0], vibration=told[1]))
+    method = plan.method._replace(amplitudes=amplitude_of(of) is not None, vibration=is_reduction(of))
+    plan = replace(plan, method=method)
     runs = run_lanes(scenes, initial_states(scenes), plan, lambda _: None)
     both = _Reductions(*np.full((2, len(values)), np.nan))
     if is_reduction(of):

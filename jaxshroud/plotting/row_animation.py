@@ -35,7 +35,7 @@ class Writing(NamedTuple):
     first: tuple[int, int]  # of the first line from the upper left corner [points]
     second: tuple[int, int]  # of the second one
     va: str
-    told: str
+    scale_text: str
     axes: str  # what x and y are in the picture
     most_numbered: int  # blades
     legend: Properties
@@ -46,7 +46,7 @@ OF_RING = Writing(
     first=(0, 0),
     second=(0, -11),
     va="top",
-    told="motion and\ngaps × {:g}",
+    scale_text="motion and\ngaps × {:g}",
     axes="$x$ clockwise\n$y$ outwards",
     most_numbered=MOST_NUMBERED,
     legend={"loc": "upper right"},
@@ -56,7 +56,7 @@ OF_CHAIN = Writing(
     first=(0, 14),
     second=(0, 2),
     va="bottom",
-    told="motion and gaps × {:g}",
+    scale_text="motion and gaps × {:g}",
     axes="",
     most_numbered=0,
     legend={"loc": "lower right", "ncols": 3},
@@ -162,8 +162,8 @@ class RowAnimation(Animation):
         style: Properties = {"xycoords": "axes fraction", "textcoords": "offset points"}
         writing = self.writing
         self.caption = panel.annotate("", (0, 1), writing.first, va=writing.va, **style)
-        told = writing.told.format(self.factor)
-        panel.annotate(told, (0, 1), writing.second, va=writing.va, color=DARK, **style)
+        scale_text = writing.scale_text.format(self.factor)
+        panel.annotate(scale_text, (0, 1), writing.second, va=writing.va, color=DARK, **style)
         panel.annotate(writing.axes, (0, 0), (0, 0), va="bottom", color=DARK, **style)
         blades = np.arange(len(self.shapes))
         down = np.full(len(blades), -NUMBER_PLACE * self.blocks.l_ab)

@@ -139,15 +139,11 @@ def contact_data(run: RunData, periods: int | None = None) -> ContactData:
         periods: The number of periods; by default that after which the motion repeats, or four.
 
     Raises:
-        ValueError: The run was stored without forces, has no contact, or has too few samples.
+        ValueError: The run has no contact, or has too few samples.
     """
     ds = run.ds
     if "N" not in ds.data_vars:
-        has_no_contact = 'contact = "none"' in str(ds.attrs.get("scene", ""))
-        reason = (
-            "its model has no contact" if has_no_contact else "it was stored by an earlier version; simulate it again"
-        )
-        raise InputError(f"There are no forces in this run: {reason}.")
+        raise InputError("There are no forces in this run, as of a model without contact.")
     if run.rate < FEWEST_SAMPLES:
         raise InputError(
             f"{float(run.rate):.3g} samples of a period are stored, too few to show contact; keep every "

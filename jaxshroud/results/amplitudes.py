@@ -91,15 +91,15 @@ def amplitude_numbers(result: Any, ok: np.ndarray, aperiodic: np.ndarray, period
         periods: Over how many periods amplitudes are taken.
     """
     peaks = {"x [m]": result.x_peak, "y [m]": result.y_peak, "theta [rad]": result.theta_peak}
-    told = largest_of_lanes(ok, {f"largest amplitude of {name}": a for name, a in peaks.items()})
-    if told and np.any(ok & aperiodic):
-        told |= {"amplitudes of aperiodic motions": f"the largest of {periods} periods"}
-    return told | _largest_rms(result, ok)
+    rows = largest_of_lanes(ok, {f"largest amplitude of {name}": a for name, a in peaks.items()})
+    if rows and np.any(ok & aperiodic):
+        rows |= {"amplitudes of aperiodic motions": f"the largest of {periods} periods"}
+    return rows | _largest_rms(result, ok)
 
 
 def _largest_rms(result: Any, ok: np.ndarray) -> dict[str, str]:
     """The largest root mean square of each displacement that moves, with its interval, of any blade in lanes OK."""
-    told = {}
+    rows = {}
     for name, unit in (("x", "m"), ("y", "m"), ("theta", "rad")):
         rms, ci = getattr(result, f"{name}_rms"), getattr(result, f"{name}_rms_ci")
         if rms is None or ci is None:
@@ -107,8 +107,8 @@ def _largest_rms(result: Any, ok: np.ndarray) -> dict[str, str]:
         counted = np.where(np.reshape(ok, (*np.shape(ok), 1)) & np.isfinite(rms), rms, 0.0)
         if counted.any():
             at = np.unravel_index(np.argmax(counted), counted.shape)
-            told[f"largest RMS of {name}"] = with_interval(float(rms[at]), float(ci[at]), unit)
-    return told
+            rows[f"largest RMS of {name}"] = with_interval(float(rms[at]), float(ci[at]), unit)
+    return rows
 
 
 def largest_of_lanes(ok: np.ndarray, quantities: Mapping[str, np.ndarray | None]) -> dict[str, float]:
@@ -126,11 +126,11 @@ def contact_values(state: "State", prefix: str = "") -> dict[str, Any]:
 
     mode, case, u_s = np.asarray(state.mode), np.asarray(state.case), np.asarray(state.u_s)
     if mode.ndim == case.ndim:
-        told = {"u_s": u_s, "mode": mode, "case": case}
+        rows = {"u_s": u_s, "mode": mode, "case": case}
     else:
         of_face = np.asarray(interface_mode(by_point(mode, case)))
-        told = {"mode": of_face, "case": case, "point_u_s": u_s, "point_mode": mode}
-    return {f"{prefix}{name}": value for name, value in told.items()}
+        rows = {"mode": of_face, "case": case, "point_u_s": u_s, "point_mode": mode}
+    return {f"{prefix}{name}": value for name, value in rows.items()}
 
 
 def stored_state(result: Any, motion: Motion, place: Any = ...) -> "State":

@@ -45,8 +45,8 @@ class SettledMotion:
             "" if self.equilibria <= 1 else f"; {self.equilibria} static equilibria, this about that of least energy"
         )
         about = "exact without torsion" if self.exact else "neglecting terms of the order of the angles"
-        told = f"linear: {self.state} throughout, {about}" if self.state else f"marched: {self.reason}"
-        return f"{'; '.join([told, *margins])}{number}"
+        text = f"linear: {self.state} throughout, {about}" if self.state else f"marched: {self.reason}"
+        return f"{'; '.join([text, *margins])}{number}"
 
 
 @dataclass(frozen=True)

@@ -86,8 +86,8 @@ class Lyapunov(Result):
             return (
                 f"Lyapunov of {lanes_in_words(self.status, self.failed)}: {chaotic} chaotic; {n} periods; {self.ended}"
             )
-        told = [exponent_text(*pair, self.stuck) for pair in zip(self.exponents[:3], self.ci, strict=False)]
-        words = ", ".join([*told, "..."] if len(self.exponents) > len(told) else told)
+        texts = [exponent_text(*pair, self.stuck) for pair in zip(self.exponents[:3], self.ci, strict=False)]
+        words = ", ".join([*texts, "..."] if len(self.exponents) > len(texts) else texts)
         return f"Lyapunov exponents per drive period: {words}; {n} periods; {status_name(self.status)}"
 
 

@@ -216,8 +216,8 @@ def place_words(place: Place) -> str:
     """A place in the units of pictures: " at 1750 rpm", or " at contact.gamma = 2"; empty for no place."""
     texts = {key: display_value(*parse_key(key)[0].parts, value) for key, value in place.items()}
     is_clear = len(place) == 1 and all(parse_key(key)[0].shown[0] for key in place)
-    told = texts.values() if is_clear else [f"{key} = {text}" for key, text in texts.items()]
-    return f" at {', '.join(told)}" if place else ""
+    shown = texts.values() if is_clear else [f"{key} = {text}" for key, text in texts.items()]
+    return f" at {', '.join(shown)}" if place else ""
 
 
 def amplitude_words(of: str, value: float) -> str:

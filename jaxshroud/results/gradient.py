@@ -12,7 +12,7 @@ from jaxshroud.results.base import Labels, Result, result_from_dataset
 from jaxshroud.results.orbit import ORBIT_FLAGS, Orbit
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.quantities import unit_of
-from jaxshroud.signals.effects import Effect, effects, told_difference, with_interval
+from jaxshroud.signals.effects import Effect, difference_text, effects, with_interval
 
 if TYPE_CHECKING:
     from jaxshroud.orbits.gradient import PowerGradient
@@ -130,7 +130,7 @@ class Gradient(Result):
     @property
     def static_deflection(self) -> str:
         """One sentence where a static deflection makes P_d differ from that of the vibration; else empty; one scene."""
-        return told_difference(self.P_d, self.P_d_vibration, self.of)
+        return difference_text(self.P_d, self.P_d_vibration, self.of)
 
     def summary(self) -> dict[str, JSONValue]:
         """The derivatives and their orbit in plain numbers, as `gradient.json` holds them; of many scenes few."""

@@ -106,14 +106,12 @@ class Mistuned(Result):
     def coarse_patterns(self) -> list[str]:
         """The patterns whose peak is narrower than the distance of values, by name."""
         names = ["the tuned row"] if self.tuned_narrow else []
-        if self.design_narrow is not None and self.narrow is not None:  # else an earlier version has stored it
-            several = len(self.designs) > 1
-            names += [f"{self.designs[i]} alone" for i in np.flatnonzero(self.design_narrow)]
-            names += [
-                f"{f'{self.designs[i]}, ' * several}sigma {self.sigmas[j]:g}, pattern {k}"
-                for i, j, k in np.argwhere(self.narrow)
-            ]
-        return names
+        several = len(self.designs) > 1
+        names += [f"{self.designs[i]} alone" for i in np.flatnonzero(self.design_narrow)]
+        patterns = np.argwhere(self.narrow)
+        return names + [
+            f"{f'{self.designs[i]}, ' * several}sigma {self.sigmas[j]:g}, pattern {k}" for i, j, k in patterns
+        ]
 
     def _coarse_text(self) -> str:
         names = self.coarse_patterns
@@ -124,15 +122,15 @@ class Mistuned(Result):
     @property
     def messages(self) -> list[str]:
         """What to know before these numbers are used."""
-        n, unjudged = self.amplification.size, self.unjudged or 0  # an earlier version has not stored it
-        drifting = self.unsettled - unjudged
+        n = self.amplification.size
+        drifting = self.unsettled - self.unjudged
         said = {
             f"{self.left_out} of {n} patterns are left out: a lane of theirs stopped": self.left_out,
             "a lane of the tuned row stopped: amplifications are over what is left of it": np.any(self.tuned_status),
             f"of {self.at_end} patterns the largest amplitude is at an end of the range: widen it": self.at_end,
             self._coarse_text(): self.coarse,
             f"{drifting} lanes are not known to be settled: take a longer transient": drifting,
-            too_few_periods_text(unjudged, "lanes", self.periods_to_keep): unjudged,
+            too_few_periods_text(self.unjudged, "lanes", self.periods_to_keep): self.unjudged,
         }
         return [*super().messages, *(text for text, applies in said.items() if applies)]
 

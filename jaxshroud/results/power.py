@@ -13,7 +13,7 @@ from jaxshroud.io.variable import Variable
 from jaxshroud.results.amplitudes import ENERGY_DROPPED, WithAmplitudes, WithLoads
 from jaxshroud.results.base import Result
 from jaxshroud.scene.checks import InputError
-from jaxshroud.signals.effects import told_difference, with_interval
+from jaxshroud.signals.effects import difference_text, with_interval
 
 STIFFNESS = "first-harmonic equivalent stiffness of contact along the {} of the faces; NaN if unknown"
 DAMPING = "first-harmonic equivalent damping of contact along the {} of the faces; NaN if unknown"
@@ -53,7 +53,8 @@ RESONANCE = "Undamped at resonance, the blade alone would move without end: P_d 
 
 def sentences_of(result: Any) -> str:
     """What contact of one scene does, in words with numbers."""
-    gained, dropped = (0.0 if a is None else a for a in (result.work_switches, result.loss_flat))  # None: an old file
+    gained = result.work_switches
+    dropped = result.loss_flat
     work = result.loss_friction + result.loss_viscous + dropped - gained  # of the drive, where nothing is stored
     if not work > 0:
         return "The losses are unknown." if np.isnan(work) else "Nothing is lost."
@@ -62,10 +63,10 @@ def sentences_of(result: Any) -> str:
         return 100 * part / work
 
     friction, viscous = share(result.loss_friction), share(result.loss_viscous)
-    told = [f"{friction:.3g} % is lost in friction", f"{viscous:.3g} % in the dampers"]
+    losses = [f"{friction:.3g} % is lost in friction", f"{viscous:.3g} % in the dampers"]
     if abs(share(dropped)) >= LEAST_TOLD:
-        told.append(f"{share(dropped):.2g} % where face-to-face contact begins")
-    words = f"Of the drive's work {', '.join(told)}"
+        losses.append(f"{share(dropped):.2g} % where face-to-face contact begins")
+    words = f"Of the drive's work {', '.join(losses)}"
     if abs(share(gained)) >= LEAST_TOLD:
         does = "give" if gained > 0 else "take"
         words += f"; case switches under load {does} {abs(share(gained)):.2g} %"
@@ -162,7 +163,7 @@ class PowerResult(WithAmplitudes, WithLoads, WithEquivalent, Result):
     @property
     def static_deflection(self) -> str:
         """One sentence where a static deflection makes P_d differ from that of the vibration alone; else empty."""
-        return told_difference(self.final_P_d, self.final_P_d_vibration)
+        return difference_text(self.final_P_d, self.final_P_d_vibration)
 
     @property
     def mechanism(self) -> str:

@@ -181,7 +181,7 @@ class Response(Result):
         branches = [branch for i in members if (branch := self.branch(i)) is not None]
         return [
             *super().messages,
-            *(told for i in members if (told := self.sweep(i).too_few_periods)),
+            *(text for i in members if (text := self.sweep(i).too_few_periods)),
             *(f"no branch: {reason}" for reason in reasons if reason),
             *(line for branch in branches for line in branch.unfinished),
             *dict.fromkeys(line for member in members for line in passed_sides(self.sweep(member))),
@@ -226,8 +226,8 @@ class Response(Result):
             for v, a in zip(self.free_value, self.free_amplitude, strict=True)
         ]
         numbers = {"along": self.along, "over": self.over, "of": self.of, "peaks": self.peaks, "without contact": free}
-        told = {"largest and smallest": self.extremes, "jumps": self.jumps, "status": self.ended}
-        return json_values({**numbers, **told, **self.source})
+        others = {"largest and smallest": self.extremes, "jumps": self.jumps, "status": self.ended}
+        return json_values({**numbers, **others, **self.source})
 
     @typed
     def plot(

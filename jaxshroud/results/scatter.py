@@ -78,8 +78,8 @@ class Scatter(Result):
 
     @property
     def flat(self) -> str:
-        """What to say where P_d moves less than its intervals over the scatter; else, and in old files, empty."""
-        return "" if self.P_d_ci is None or self.quantity != "P_d" else flat_text(self.P_d, self.P_d_ci)
+        """What to say where P_d moves less than its intervals over the scatter; else empty."""
+        return "" if self.quantity != "P_d" else flat_text(self.P_d, self.P_d_ci)
 
     @property
     def undefined(self) -> str:

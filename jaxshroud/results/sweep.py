@@ -24,7 +24,7 @@ from jaxshroud.results.extremes import largest_amplitude, passed_sides, place_nu
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import SINGLE_DIRECTIONS, Direction, Layout
 from jaxshroud.scene.quantities import DISPLACEMENTS
-from jaxshroud.signals.effects import flat_text, told_difference, too_few_periods_text
+from jaxshroud.signals.effects import difference_text, flat_text, too_few_periods_text
 from jaxshroud.signals.orbit_distance import NEIGHBOURING_STEPS, SweptMotion, motions_differ, steep_steps
 from jaxshroud.signals.period import UNKNOWN_IF_SETTLED
 
@@ -165,7 +165,7 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
     def static_deflection(self) -> str:
         """One sentence where a static deflection makes P_d of a lane differ from that of the vibration; else empty."""
         ok = self.status == Status.OK
-        return told_difference(np.where(ok, self.P_d, np.nan), self.P_d_vibration)
+        return difference_text(np.where(ok, self.P_d, np.nan), self.P_d_vibration)
 
     def summary(self) -> dict[str, JSONValue]:
         """The sweep in a few numbers, as `summary.json` holds them."""

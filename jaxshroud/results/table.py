@@ -18,7 +18,7 @@ from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.quantities import is_reduction
 from jaxshroud.scene.typed import typed
-from jaxshroud.signals.effects import told_difference, too_few_periods_text
+from jaxshroud.signals.effects import difference_text, too_few_periods_text
 from jaxshroud.signals.period import MIN_APERIODIC_PERIODS
 
 if TYPE_CHECKING:
@@ -164,7 +164,7 @@ class DesignTable(WithAmplitudes, WithLoads, Result):
         """One sentence where a static deflection makes P_d of a row differ from that of the vibration; else empty."""
         P_d = np.where(self.status == Status.OK, self.P_d, np.nan)
         counted = str(self.by)
-        return told_difference(P_d, self.P_d_vibration, counted if is_reduction(counted) else "P_d")
+        return difference_text(P_d, self.P_d_vibration, counted if is_reduction(counted) else "P_d")
 
     def _best_row(self) -> dict[str, object] | None:
         """The first row in rank, by its heads; None where no row has one."""

@@ -13,7 +13,7 @@ from jaxshroud.results.base import Result
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.quantities import is_reduction, unit_of
 from jaxshroud.scene.typed import typed
-from jaxshroud.signals.effects import between, flat_text, told_difference
+from jaxshroud.signals.effects import between, difference_text, flat_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -305,7 +305,7 @@ class Tuned(Result):
     @property
     def static_deflection(self) -> str:
         """One sentence where a static deflection makes P_d of the best design differ from that of the vibration."""
-        return "" if self.best_P_d is None else told_difference(self.best_P_d, self.best_P_d_vibration, self.quantity)
+        return "" if self.best_P_d is None else difference_text(self.best_P_d, self.best_P_d_vibration, self.quantity)
 
     @property
     def failed(self) -> int:

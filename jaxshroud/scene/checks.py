@@ -53,7 +53,7 @@ MAX_COUNT = 2**31 - 1  # compiled loops count in 32 bits
 Tuple = TypeVar("Tuple", bound=type)
 
 
-def told_apart(value: float, limit: float) -> str:
+def digits_apart(value: float, limit: float) -> str:
     """A number in as many digits as tell it from a limit that it misses, six at least."""
     texts = (f"{value:.{digits}g}" for digits in range(6, 18))
     return next((text for text in texts if text != f"{limit:g}"), f"{value:g}")

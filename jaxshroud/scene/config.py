@@ -82,7 +82,7 @@ def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str], f
     overridden = {override(document, text, name) for text in sorted(overrides, key=_precedence)}
     row = _validated(ROW_TYPE, document, name, overridden).row
     layout = layout_with(row)
-    told = resolve_table(document, folder or Path(), name, overridden)
+    table_note = resolve_table(document, folder or Path(), name, overridden)
     harmonics = resolve_orders(document, name, overridden)
     given = resolve_derived_inputs(document, name, overridden, layout)
     file = _validated(scene_file_type(layout, harmonics), document, name, overridden)
@@ -92,7 +92,9 @@ def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str], f
     numbers = {f"{table}.{entry}": value for table, part in tables.items() for entry, value in part.items()}
     speed_is_set = any(f"{table}.{entry}" in (*GROWTHS, *UNTWIST) for table, entry in overridden)
     check_speed(numbers, given, layout.blades, "--set" if speed_is_set else name)
-    loaded = SceneFile(name, file.title, tables, file.run, given=given, told={"load table": told} if told else {})
+    loaded = SceneFile(
+        name, file.title, tables, file.run, given=given, notes={"load table": table_note} if table_note else {}
+    )
     if len(overrides):
         title = file.title or Path(name).name
         loaded = replace(

@@ -45,7 +45,7 @@ class SceneFile:
     direction: Direction = "independent"
     keep: int | None = None  # periods kept in a sweep, if different from `run.periods`
     given: Mapping[str, Any] = field(default_factory=dict)  # inputs by their keys, from which numbers were worked out
-    told: Mapping[str, str] = field(default_factory=dict)  # what loading it has to say, as names and texts
+    notes: Mapping[str, str] = field(default_factory=dict)  # what loading it has to say, as names and texts
 
     def __post_init__(self):
         keys = [a.key for a in self.axes]

@@ -182,9 +182,9 @@ COMPLEX_KEYS = {  # of a harmonic by complex amplitudes, in the place of these: 
         unit,
         ANY,
         rf"\mathrm{{{part.title()}}}\,{symbol}",
-        f"{words} amplitude, {told}",
+        f"{words} amplitude, {part_of_wave}",
         0.2 if load == "M" else 5.0,
-        f"{words} amplitude {told}",
+        f"{words} amplitude {part_of_wave}",
         default=0.0,
     )
     for load, unit, symbol, words in (
@@ -192,7 +192,7 @@ COMPLEX_KEYS = {  # of a harmonic by complex amplitudes, in the place of these: 
         ("F_y", "N", "F_{y,%s}", "force"),
         ("M", "N m", "M_{%s}", "moment"),
     )
-    for part, told in (("re", "with the sine"), ("im", "with the cosine"))
+    for part, part_of_wave in (("re", "with the sine"), ("im", "with the cosine"))
 }
 OF_HARMONIC = {**HARMONIC_KEYS, **COMPLEX_KEYS}
 PLACE_KEY = scene_key("contact.place", "m", ANY, "s_{%s}", "place", "17.5 mm", "place up the face from its middle")

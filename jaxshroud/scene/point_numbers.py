@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxshroud.scene.checks import InputError, told_apart
+from jaxshroud.scene.checks import InputError, digits_apart
 from jaxshroud.scene.keys import POINT_ENTRY
 
 MIN_POINTS, MAX_POINTS = 2, 16
@@ -80,7 +80,7 @@ def check_shares(shares: NDArray[np.floating], number: int) -> None:
         raise InputError(f"[contact] shares must not be negative, but one is {np.min(shares):g}; give positive ones.")
     total = np.sum(shares, axis=-1)
     if not (holds := _sum_to_1(total)).all():
-        raise InputError(f"[contact] shares sum to {told_apart(float(total[~holds][0]), 1.0)}, not to 1; scale them.")
+        raise InputError(f"[contact] shares sum to {digits_apart(float(total[~holds][0]), 1.0)}, not to 1; scale them.")
 
 
 def check_places(lengths: Iterable[Any], l_ab: Any) -> None:
@@ -93,8 +93,8 @@ def check_places(lengths: Iterable[Any], l_ab: Any) -> None:
         if beyond.any():
             reach, end = float(abs(one[beyond][0])), float(length[beyond][0]) / 2
             raise InputError(
-                f"[contact] points has a place {told_apart(reach, end)} m from the middle of the face, beyond its end "
-                f"at {end:g} m."
+                f"[contact] points has a place {digits_apart(reach, end)} m from the middle of the face, beyond its "
+                f"end at {end:g} m."
             )
 
 

@@ -153,7 +153,7 @@ def effects(value: Mapping[str, float], ci: Mapping[str, float], number: Mapping
     return sorted(results, key=lambda e: -abs(e.change) if math.isfinite(e.change) else math.inf)
 
 
-def told_difference(P_d: Any, P_d_vibration: Any, counted: str = "P_d") -> str:
+def difference_text(P_d: Any, P_d_vibration: Any, counted: str = "P_d") -> str:
     """One sentence where a static deflection makes P_d differ from that of the vibration alone; else empty.
 
     Args:

@@ -136,14 +136,14 @@ class RowWave(NamedTuple):
         """The distance in words, or why there is none."""
         if self.unknown:
             return f"its distance from a travelling wave is unknown: {self.unknown}"
-        told = f"{self.distance.share:.2g} of the motion in {self.name} is outside a travelling wave"
+        text = f"{self.distance.share:.2g} of the motion in {self.name} is outside a travelling wave"
         if not self.repeats:
-            return f"{told} (the motion does not repeat; over {self.periods} periods)"
+            return f"{text} (the motion does not repeat; over {self.periods} periods)"
         if self.periods == 1:
-            return told
+            return text
         if self.distance.shift is None:
-            return f"{told} (over {self.periods} periods, of which no wave fits the row)"
-        return f"{told} of {self.periods} periods (each blade ahead of its neighbour by {self.distance.shift} T/N)"
+            return f"{text} (over {self.periods} periods, of which no wave fits the row)"
+        return f"{text} of {self.periods} periods (each blade ahead of its neighbour by {self.distance.shift} T/N)"
 
 
 def without_wave(reason: str) -> RowWave:

@@ -115,7 +115,7 @@ class Choice:
     steps: int | None  # per period; None: as many as the stiffest lane needs
     promised: bool | None  # False: the accuracy cannot be reached, and this setting is about the best; None: not tried
     reached: float = np.nan  # error that 95 % of the probed lanes keep, by comparison with a finer march
-    told: bool = True  # in results: not where a method that is not tried is the default
+    shown: bool = True  # in results: not where a method that is not tried is the default
     untried: str = "rows"  # where it is not tried: what it is chosen for
     curtailed: bool = False  # not promised, and no finer setting was tried, as that would have taken too long
 
@@ -147,19 +147,19 @@ def is_tried(scene: Scene) -> bool:
     return scene.row is None and scene.contact.points is None
 
 
-def choice_without_trial(accuracy: str | float, told: bool, scene: Scene) -> Choice:
+def choice_without_trial(accuracy: str | float, shown: bool, scene: Scene) -> Choice:
     """The method of rows of blades, and of faces of points: one of two, and no trial says whether an accuracy is kept.
 
     Args:
         accuracy: The accuracy.
-        told: Whether it was asked for.
+        shown: Whether it was asked for.
         scene: What it is for, of which `is_tried` is false.
     """
     level = accuracy_level(accuracy)
     name = "tsit5" if level >= COARSE_ACCURACY else "dopri8"
     untried = "rows" if scene.row is not None else "faces of several points"
     setting = Setting(name, "cubic", "float64", np.nan, flat_return=flat_return_for(level))
-    return Choice(level, setting, None, promised=None, told=told, untried=untried)
+    return Choice(level, setting, None, promised=None, shown=shown, untried=untried)
 
 
 ACCURACY = "balanced"  # unless an argument or the scene file says how to march
@@ -191,7 +191,7 @@ class MarchPlan(NamedTuple):
     @property
     def attributes(self) -> dict[str, int | str]:
         """The attributes of results that describe it."""
-        chosen = {"accuracy": str(self.choice)} if self.choice is not None and self.choice.told else {}
+        chosen = {"accuracy": str(self.choice)} if self.choice is not None and self.choice.shown else {}
         march = method_as_json(method_of(self.steps, self.method))
         method = f"closed form, {self.in_closed_form}" if self.in_closed_form else str(self.method)
         return {"steps_per_period": self.steps, "method": method, "march": march, **chosen}

@@ -52,12 +52,12 @@ def lines_of_speeds(
     speeds = np.unique(np.concatenate([np.linspace(*ends, SHOWN_SPEEDS), changes, np.nextafter(changes, ends[1])]))
     frequencies, crossings = np.empty((len(modes), len(speeds))), np.empty((len(modes), len(orders)))
     for contact in cast(list[NaturalContact], list(dict.fromkeys(mode.contact for mode in modes))):
-        told = [i for i, mode in enumerate(modes) if mode.contact == contact]
+        chosen = [i for i, mode in enumerate(modes) if mode.contact == contact]
         every = modes_in(blades, contact, [0 * blades.mass], words_for(arrays))
-        places = [_place_among(modes[i], every) for i in told]
-        frequencies[told] = speed_curves(blades, contact, growth, speeds**2)[places] / RAD_PER_CYCLE
+        places = [_place_among(modes[i], every) for i in chosen]
+        frequencies[chosen] = speed_curves(blades, contact, growth, speeds**2)[places] / RAD_PER_CYCLE
         met = [order_crossings(blades, contact, growth, order)[places] for order in orders]
-        crossings[told] = np.stack(met, axis=-1)
+        crossings[chosen] = np.stack(met, axis=-1)
     for values, at in ((frequencies, np.broadcast_to(speeds, frequencies.shape)), (crossings, crossings)):
         values[_excluded(modes, at, pressed)] = np.nan
 

@@ -57,7 +57,7 @@ class JudgedMotion(NamedTuple):
     shown: int  # periods that are sampled
     events: bool  # whether the states at events are kept too
     method: Asked
-    told: Callable[[Trajectory], dict[str, object]]  # the verdict and its evidence, by the names of `Diagnosis`
+    evidence: Callable[[Trajectory], dict[str, object]]  # the verdict and its evidence, by the names of `Diagnosis`
     missed: np.ndarray | None = None  # whether the march misses the accuracy asked for; None: it was not tried for one
     tried: Choice | None = None
 
@@ -91,7 +91,7 @@ def motion_of_row(
         shown=found.periods if stopped else max(LEAST_SHOWN, SHOWN_ORBITS * int(found.orbit.number[0])),
         events=False,
         method=march.untried.again,
-        told=partial(_row_evidence, found),
+        evidence=partial(_row_evidence, found),
     )
 
 
@@ -251,7 +251,7 @@ def diagnose(
     run = simulate(scene, state=found.start, throw=throw, **shown)
     if found.missed is not None and found.tried is not None:
         warn_missed(found.missed, found.tried, run.energy_dropped)
-    diagnosis = Diagnosis.from_values(found.told(run), layout=resolved.scene.layout).data
+    diagnosis = Diagnosis.from_values(found.evidence(run), layout=resolved.scene.layout).data
     data = run.data.assign(diagnosis.data_vars).assign_attrs(diagnosis.attrs)
     if found.status != Status.OK and run.status == Status.OK:  # the verdict's march went further than the samples
         data = data.assign_attrs(status=found.status)
@@ -279,7 +279,7 @@ def motion_of_pair(
         shown=verdict.periods if stopped else max(MIN_STORED_PERIODS, shown),
         events=precise.parts.contact == "spring" and not stopped,
         method=march.untried.again,
-        told=lambda _: _verdict_values(verdict) | settled,
+        evidence=lambda _: _verdict_values(verdict) | settled,
         missed=missed,
         tried=march.tried,
     )

@@ -118,10 +118,10 @@ def fit(
     march = with_tangents(resolved, fit_corners(problem))
     model = model_of(problem, data, march, most_periods)
     found, profiled, model, march_error = _estimated(problem, data, model, (scan, starts, seed), progress)
-    told = findings(found, tuple(over), profiled, problem.values, data.kind == "history", march_error)
+    judged = findings(found, tuple(over), profiled, problem.values, data.kind == "history", march_error)
     attrs, _ = resolved.provenance(resolved.transient, march.steps)
     settings = {**march._replace(steps=model.steps, choice=None).attributes, "seed": seed, "data_kind": data.kind}
-    return _result(problem, data, model, found, profiled, told, settings, attrs)
+    return _result(problem, data, model, found, profiled, judged, settings, attrs)
 
 
 class Estimated(NamedTuple):
@@ -239,7 +239,7 @@ def _result(
     model: FitModel,
     found: Estimate,
     profiled: Sequence[ProfiledNumber],
-    told: Findings,
+    judged: Findings,
     settings: Mapping[str, object],
     attrs: Mapping[str, object],
 ) -> Fit:
@@ -254,7 +254,7 @@ def _result(
         return float(problem.values(np.where(np.arange(len(found.u)) == i, u, found.u)[None])[0, i])
 
     def end(i: int, u: float) -> float:
-        return place(i, u) if told.determined[i] else np.nan
+        return place(i, u) if judged.determined[i] else np.nan
 
     of_data = found.misfit.data
     fitted = np.where(found.known, np.ravel(of_data.values) + found.residuals * np.ravel(of_data.sigma), np.nan)
@@ -284,7 +284,7 @@ def _result(
         "evaluations": found.misfit.evaluations,
         "sigma_is_known": int(of_data.sigma_is_known),
         **settings,
-        "notes_json": json.dumps(told.notes),
+        "notes_json": json.dumps(judged.notes),
     }
     keys = list(problem.over)
     coords = {"key": keys, "other": keys, "channel": list(data.names)}

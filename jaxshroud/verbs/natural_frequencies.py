@@ -32,7 +32,7 @@ class ModeWords(NamedTuple):
 
     blades: Callable[[FloatArray, FloatArray], str]
     """(shares of a mode's energy, displacements) -> what the blades do."""
-    told_once: Callable[[list[NaturalMode], NaturalContact, int], list[NaturalMode]]
+    merged: Callable[[list[NaturalMode], NaturalContact, int], list[NaturalMode]]
     """(modes, their contact, number of blades) -> the lowest first, one of those that differ in nothing but place."""
 
 
@@ -51,10 +51,10 @@ def modes_of(
     driven = [(a.astype(float) + 1j * b.astype(float)) * blades.moves for a, b in loads.values()]
     words = words_for(arrays)
     count = len(blades.mass) // 3
-    told = []
+    modes = []
     for contact in contacts_of(arrays, k):
-        told += words.told_once(modes_in(blades, contact, driven, words), contact, count)
-    return tuple(told)
+        modes += words.merged(modes_in(blades, contact, driven, words), contact, count)
+    return tuple(modes)
 
 
 def system_in_float64(system: LinearContact) -> LinearContact:
@@ -134,43 +134,43 @@ def _waves_in_words(shares: FloatArray, displacements: FloatArray, closed: bool)
     return f"{'' if shares_of_waves[h] > 1 - ALIKE else 'about '}nodal diameter {h}"
 
 
-def _waves_told_once(modes: list[NaturalMode], contact: NaturalContact, count: int) -> list[NaturalMode]:
+def _merged_waves(modes: list[NaturalMode], contact: NaturalContact, count: int) -> list[NaturalMode]:
     """The modes of a row, with one for those that differ in nothing but their place around it."""
     del contact
-    told: list[NaturalMode] = []
+    shown: list[NaturalMode] = []
     for motion in COORDINATES:
         own = [mode for mode in modes if mode.motion == motion]
         alone = [mode for mode in own if mode.blades.startswith("blade ")]
         if len(alone) == count and np.allclose([m.frequency for m in alone], alone[0].frequency, ALIKE, 0):
             own = [replace(mode, blades="each blade") for mode in own]
         for mode in own:
-            same = told and (told[-1].motion, told[-1].blades) == (mode.motion, mode.blades)
-            if same and np.isclose(told[-1].frequency, mode.frequency, ALIKE, 0):
-                told[-1] = replace(told[-1], driven=told[-1].driven + mode.driven)
+            same = shown and (shown[-1].motion, shown[-1].blades) == (mode.motion, mode.blades)
+            if same and np.isclose(shown[-1].frequency, mode.frequency, ALIKE, 0):
+                shown[-1] = replace(shown[-1], driven=shown[-1].driven + mode.driven)
             else:
-                told.append(mode)
-    return sorted(told, key=lambda mode: mode.frequency)
+                shown.append(mode)
+    return sorted(shown, key=lambda mode: mode.frequency)
 
 
-def _told_once(modes: list[NaturalMode], contact: NaturalContact, count: int) -> list[NaturalMode]:
+def _merged_modes(modes: list[NaturalMode], contact: NaturalContact, count: int) -> list[NaturalMode]:
     """The modes of a pair; of free blades that are alike with one for both."""
     del count
     if contact != "apart":
         return modes
-    told = []
+    shown = []
     for motion in COORDINATES:
         own = [mode for mode in modes if mode.motion == motion]
         if len(own) == 2 and np.allclose([own[0].frequency, own[0].zeta], [own[1].frequency, own[1].zeta], ALIKE, 0):
             own = [replace(own[0], blades="either", driven=own[0].driven + own[1].driven)]
-        told += own
-    return sorted(told, key=lambda mode: mode.frequency)
+        shown += own
+    return sorted(shown, key=lambda mode: mode.frequency)
 
 
-WORDS_OF_PAIRS = ModeWords(_blades_in_words, _told_once)
+WORDS_OF_PAIRS = ModeWords(_blades_in_words, _merged_modes)
 
 
 def _words_of_row(closed: bool) -> ModeWords:
-    return ModeWords(partial(_waves_in_words, closed=closed), _waves_told_once)
+    return ModeWords(partial(_waves_in_words, closed=closed), _merged_waves)
 
 
 class Oscillators(NamedTuple):

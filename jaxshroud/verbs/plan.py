@@ -35,10 +35,10 @@ def warn_missed(missed: np.ndarray, choice: Choice, dropped: np.ndarray | None =
     if missed.any():
         text = f"{missed.sum()} of {missed.size} runs miss the accuracy of {choice.accuracy:.0e} within three periods"
         share = 0.0 if dropped is None else float(np.max(np.nan_to_num(dropped), initial=0.0))
-        told = (
+        dropped_text = (
             f"; where faces became flat, up to {share:.0e} of the drive's gross work was dropped" if share > 0 else ""
         )
-        warnings.warn(text + told, AccuracyWarning, stacklevel=4)
+        warnings.warn(text + dropped_text, AccuracyWarning, stacklevel=4)
 
 
 class Trials(TypedDict, total=False):

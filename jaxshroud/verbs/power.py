@@ -104,8 +104,8 @@ def _summaries(
     orbit, reduction, P_0 = averages(scenes, joined, period_tol)
     series = period_reductions(scenes, joined, P_0)
     residual = np.full(len(series), np.nan) if joined.residual is None else relative_residual(joined)
-    told_of = scenes, joined, orbit.number
-    kept = amplitude_values(*told_of) | amplitude_intervals(*told_of) | load_values(*told_of)
+    of_run = scenes, joined, orbit.number
+    kept = amplitude_values(*of_run) | amplitude_intervals(*of_run) | load_values(*of_run)
     counted = counted_periods(joined, orbit.number)
 
     def total(a):

@@ -182,21 +182,23 @@ def require_state(scenes: Scene, runs: int = 1) -> None:
         return
     of = f"{len(worst)} designs, in all conditions," if runs > 1 else f"{len(worst)} scenes"
     which = "The scene does not keep" if len(margin) == 1 else f"None of {of} keeps"
-    told = "at rest they are pressed together" if state == "apart" else _told_open(scenes, int(np.argmax(worst)) * runs)
-    raise InputError(f"{which} its faces {state}: {told}; march it.")
+    reason = (
+        "at rest they are pressed together" if state == "apart" else _open_text(scenes, int(np.argmax(worst)) * runs)
+    )
+    raise InputError(f"{which} its faces {state}: {reason}; march it.")
 
 
-def _told_open(scenes: Scene, at: int) -> str:
+def _open_text(scenes: Scene, at: int) -> str:
     """That faces are open at rest; where they depend on the speed, above which those of one of the scenes are."""
-    told = "at rest they are not pressed together"
+    reason = "at rest they are not pressed together"
     if not scenes.depends_on_speed:
-        return told
+        return reason
     one = jax.tree.map(lambda a: np.asarray(a)[at], scenes)
     fastest = float(np.max(np.asarray(scenes.drive.omega) / np.abs(np.asarray(scenes.given[ORDER]))))
     pressed = pressed_speeds(one, jax.tree.map(np.asarray, _touching(one)), (0.0, fastest))
     if not pressed:
-        return f"{told} at any speed up to {display_value(*SPEED, fastest)}"
-    return f"{told} above {display_value(*SPEED, pressed[-1][1])}"
+        return f"{reason} at any speed up to {display_value(*SPEED, fastest)}"
+    return f"{reason} above {display_value(*SPEED, pressed[-1][1])}"
 
 
 @kept()

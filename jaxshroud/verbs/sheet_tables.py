@@ -111,8 +111,8 @@ def left_out(sheet: DataSheet) -> str:
         "crossings": (len(crossing_rows(sheet)[1]), len(_crossings(sheet))),
         "doubts": (min(len(sheet.doubts), MOST_DOUBTS), len(sheet.doubts)),
     }
-    told = [f"{total - shown} of {total} {name}" for name, (shown, total) in counts.items() if shown < total]
-    return f"{', '.join(told)}; --out DIR writes all" if told else ""
+    hidden = [f"{total - shown} of {total} {name}" for name, (shown, total) in counts.items() if shown < total]
+    return f"{', '.join(hidden)}; --out DIR writes all" if hidden else ""
 
 
 def _crossings(sheet: DataSheet) -> list[list[str]]:
@@ -138,7 +138,7 @@ def lines_of(sheet: DataSheet) -> dict[str, str]:
         "gap": f"{_gap_text(sheet)} mm; the free blades approach by {approach}",
         **({"static gap": f"{_texts_of(sheet.static_gaps, 1e3)} mm under the mean loads"} if sheet.static_gaps else {}),
         **({"settled motion": sheet.settled.words} if sheet.settled else {}),
-        **({"pressed": told} if (told := _pressed_text(sheet)) else {}),
+        **({"pressed": pressed} if (pressed := _pressed_text(sheet)) else {}),
         "inertia": f"{_texts_of(sheet.inertia)} times that of a uniform block",
         "contact": f"gamma = k / k_x = {_texts_of(sheet.gammas) if sheet.gammas else f'{sheet.gamma:.4g}'}",
         "stiffest motion": f"{sheet.omega_max / math.tau:.5g} Hz; {sheet.steps} steps a period (auto, rk4)",
@@ -176,12 +176,12 @@ def _pressed_text(sheet: DataSheet) -> str:
     if not pressed:
         return ""
     ranges = " and ".join(f"{begin * RPM:.5g} to {end * RPM:.5g}" for begin, end in pressed)
-    told = f"from {ranges} rpm: crossings in contact there, apart elsewhere"
+    crossings = f"from {ranges} rpm: crossings in contact there, apart elsewhere"
     opens = pressed[-1][1]
     if opens == sheet.stop:
-        return told
+        return crossings
     elsewhere = "the faces open, and the largest amplitude with contact may be at none of these crossings"
-    return f"{told}; above {opens * RPM:.5g} rpm {elsewhere}"
+    return f"{crossings}; above {opens * RPM:.5g} rpm {elsewhere}"
 
 
 def _table_row(sheet: DataSheet, name: str, coordinate: Coordinate, i: int) -> list[str]:

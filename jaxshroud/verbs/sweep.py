@@ -167,8 +167,8 @@ def sweep(
     check_size(lanes, resolved.transient, resolved.n_periods, lanes_in_memory, blades)
     grid = grid._replace(lanes=without_given(grid.lanes))
     march = plan_march(grid.resolved, grid.lanes, FOR_P_D._replace(ledger=ledger))
-    told = march.method._replace(ledger=march.method.ledger or forces, forces=forces, amplitudes=amplitudes)
-    march = march._replace(method=told)
+    ledger = march.method.ledger or forces
+    march = march._replace(method=march.method._replace(ledger=ledger, forces=forces, amplitudes=amplitudes))
     grid = grid._replace(
         precise=in_precision(grid.lanes, "float64") if lyapunov else None,
         lanes=in_precision(grid.lanes, march.method.precision),

@@ -245,10 +245,10 @@ def _lane_numbers(scenes: Scene, runs: Runs, settings: SweepSettings) -> dict[st
         residual = relative_residual(runs.samples) if settings.plan.method.ledger else None
         dropped = relative_drop(runs.samples) if settings.plan.method.ledger else None
 
-    def told(end, start):
+    def gained(end, start):
         return (end - start).sum(axis=-1, dtype=np.int32)  # of all interfaces
 
-    events = jax.tree.map(told, runs.log.counters, runs.before.counters)
+    events = jax.tree.map(gained, runs.log.counters, runs.before.counters)
     return {
         "motion": runs.samples.motion,
         "P": power.P,

@@ -111,8 +111,7 @@ def test_every_kind_draws(kind, n_periods):
 @pytest.mark.parametrize(
     ("ds", "kind", "told"),
     [
-        (run().drop_vars("N"), "loop", "stored by an earlier version"),
-        (run(scene='contact = "none"').drop_vars("N"), "forces", "has no contact"),
+        (run().drop_vars("N"), "loop", "no forces in this run"),
         (run(every=25), "ribbon", "every 10th step at most"),
         (run(every=7, n_periods=6), "poincare", "No end of a period"),
         (run(every=150), "spectrum", "too few for a spectrum"),

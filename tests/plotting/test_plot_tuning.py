@@ -42,7 +42,7 @@ def test_a_tuning_of_one_number_is_drawn_over_its_values():
     values, *_ = panel.containers[0]
     np.testing.assert_allclose(values.get_xydata(), [[0.0, 10.0], [0.01, 20.0], [0.03, 30.0]])
     assert pytest.approx([0.025, 42.0]) in last_points(panel)
-    assert [text.get_text() for text in panel.figure.legends[0].get_texts()][0] == "scan, with 95 % intervals"
+    assert next(text.get_text() for text in panel.figure.legends[0].get_texts()) == "scan, with 95 % intervals"
 
 
 def scattered(low, high):

@@ -51,7 +51,7 @@ def test_what_harmonics_leave_out_is_told(tmp_path):
     found = fitted_table(written(tmp_path), 2)
     np.testing.assert_allclose(found.residuals["F_x"], np.sqrt(4 / 454), rtol=1e-12)
     (tmp_path / "own.toml").write_text(scene_text(), encoding="utf-8")
-    assert load(str(tmp_path / "own.toml")).told == {
+    assert load(str(tmp_path / "own.toml")).notes == {
         "load table": "2 harmonics leave 9.39 % of F_x, 9.39 % of M (RMS, about the mean)"
     }
 
@@ -75,7 +75,7 @@ def test_a_scene_with_a_table_is_driven_by_it(tmp_path):
     # The written scene has the harmonics, and needs the table no more.
     again = parse(file.text(), "again.toml")
     assert again.text() == file.text()
-    assert not again.told
+    assert not again.notes
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from jaxshroud.march.method import FAST, FOR_P_D, Taylor, choices
 from jaxshroud.model.linear import free_power
 from jaxshroud.scene.scene import without_given
 from jaxshroud.signals.averages import Positions, averages, square_about_mean
-from jaxshroud.signals.effects import told_difference
+from jaxshroud.signals.effects import difference_text
 from jaxshroud.verbs.gradient import differences
 
 PRESSED = """
@@ -216,8 +216,8 @@ def test_the_vibration_can_be_tuned(pressed):
 
 
 def test_what_differs_is_told():
-    assert told_difference(39.3, 99.9, "P_d").endswith("P_d counted")
-    assert told_difference(39.3, 39.9) == told_difference(39.3, None) == told_difference(np.nan, np.nan) == ""
+    assert difference_text(39.3, 99.9, "P_d").endswith("P_d counted")
+    assert difference_text(39.3, 39.9) == difference_text(39.3, None) == difference_text(np.nan, np.nan) == ""
 
 
 PERIOD_7 = [
