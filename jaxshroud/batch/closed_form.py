@@ -76,7 +76,7 @@ def free_extent(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> tuple
     weights = jnp.asarray(weights / 2, dtype) * period
     q = free_course(scene, first, turns, t).displacement
     inner = q[1:-1]
-    moments = Moments(*(_in_pairs(jnp.einsum("n,nbi->bi", weights, a)) for a in (inner, inner**2)))
+    moments = Moments._make(_in_pairs(jnp.einsum("n,nbi->bi", weights, a)) for a in (inner, inner**2))
     highest = _at_turn(scene, first, turns, t, q, jnp.argmax(q, axis=0))
     lowest = _at_turn(scene, first, turns, t, q, jnp.argmin(q, axis=0))
     highest, lowest = jnp.maximum(highest, jnp.max(q, axis=0)), jnp.minimum(lowest, jnp.min(q, axis=0))
@@ -89,7 +89,7 @@ def free_means(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> Means:
     dtype = scene.drive.omega.dtype
     t = jnp.asarray((place + 1) / 2, dtype) * scene.drive.period
     x, y, theta = free_course(scene, first, turns, t).displacement[:, 0].T
-    return Means(*(jnp.asarray(weights / 2, dtype) @ a for a in (x, y, *sine_versine(theta))))
+    return Means._make(jnp.asarray(weights / 2, dtype) @ a for a in (x, y, *sine_versine(theta)))
 
 
 def _at_turn(
@@ -161,7 +161,7 @@ def free_runs(
     works = dict.fromkeys(("work", "gross", "dropped", "residual", "friction", "viscous", "switched"), zeros)
     samples = samples._replace(**works)
     if method.forces:
-        loads, impacts = ContactLoads(*[zeros] * 4), Impacts(*[zeros] * 7)
+        loads, impacts = ContactLoads._make([zeros] * 4), Impacts._make([zeros] * 7)
         samples = samples._replace(forces=ContactPeaks(zeros, zeros), loads=loads, impacts=impacts)
     return jax.tree.map(np.asarray, (samples, lanes))
 
@@ -202,7 +202,7 @@ def _closed_form_samples(
         period = scene.drive.period
         times = (transient + (turns - begin) + jnp.arange(periods + 1, dtype=turns.dtype)) * period
         motion = free_motion(scene, state.motion, begin, times)
-        starts = Motion(*(a[:-1] for a in motion))
+        starts = Motion._make(a[:-1] for a in motion)
         power, largest = jax.vmap(lambda z: _period_mean_square(scene, z, turns, nodes))(starts)
         each_extent = jax.vmap(lambda z: free_extent(scene, z, turns, nodes))
         moments, extent = each_extent(starts) if amplitudes else (None, None)
@@ -213,10 +213,11 @@ def _closed_form_samples(
             return (a[:, 0], a[:, 1])
 
         sizes = tuple(in_pairs(largest[..., i]) for i in range(3))
-        ends = Motion(*(in_pairs(a[1:]) for a in motion))
-        times = ContactTimes(apart, *[jnp.zeros_like(apart)] * 2)
+        ends = Motion._make(in_pairs(a[1:]) for a in motion)
+        none = jnp.zeros_like(apart)
+        times = ContactTimes._make((apart, none, none))
         sample = Sample(ends, in_pairs(power), largest=sizes, moments=moments, extent=extent, means=means, times=times)
-        last = State(Motion(*(a[-1] for a in motion)), state.u_s, state.mode, state.case)
+        last = State(Motion._make(a[-1] for a in motion), state.u_s, state.mode, state.case)
         status = free_status(scene, motion, jnp.max(largest[..., 2]))
         sample = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
         return sample, carried_state(last, prepared_model(scene)), status, times[-1] - times[0]
@@ -254,17 +255,17 @@ def _free_samples(scenes: Scene, first: Motion, grid: SampleGrid) -> tuple[Motio
     blocks, largest = [last], [np.abs(getattr(last, name)) for name in DISPLACEMENTS]
     for start in [*range(0, begin, block), *range(begin, grid.length, block)]:
         if start == begin:
-            running = RunningAmplitudes(Motion(*(a[:, -1] for a in last)), grid.step_lengths(scenes))
+            running = RunningAmplitudes(Motion._make(a[:, -1] for a in last), grid.step_lengths(scenes))
         steps = np.arange(start, min(start + block, begin if start < begin else grid.length)) + 1
         last = at(steps)
-        blocks.append(Motion(*(a[:, steps % grid.every == 0] for a in last)))
+        blocks.append(Motion._make(a[:, steps % grid.every == 0] for a in last))
         sizes = (np.abs(getattr(last, name)).max(axis=1, keepdims=True) for name in DISPLACEMENTS)
         largest = [np.maximum(*pair) for pair in zip(largest, sizes, strict=True)]
         if running is not None:
             running.add(last)
     assert running is not None  # as some steps count
     motion = jax.tree.map(lambda *a: np.concatenate(a, axis=1), *blocks)
-    return motion, running.amplitudes, np.asarray(_free_statuses(scenes, Motion(*largest, *largest)))
+    return motion, running.amplitudes, np.asarray(_free_statuses(scenes, Motion._make(2 * largest)))
 
 
 def _free_motions(scenes: Scene, first: Motion, grid: SampleGrid, block: int, steps: np.ndarray) -> Motion:

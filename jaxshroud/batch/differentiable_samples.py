@@ -72,7 +72,7 @@ class _LaneMapping(NamedTuple):
 
 
 def _unzipped_duals(pair: Dual) -> tuple[Dual, ...]:
-    return tuple(Dual(*each) for each in zip(*pair, strict=True))
+    return tuple(map(Dual._make, zip(*pair, strict=True)))
 
 
 WITHOUT_TANGENTS, WITH_TANGENTS = (
@@ -257,7 +257,7 @@ def samples_and_tangents(primals: tuple[Scene, State], tangents: Any, schedule: 
     along = jnp.concatenate([jnp.ravel(a) for a in jax.tree.leaves(tangents)])
     lanes = jax.tree.map(lambda a: jnp.broadcast_to(a, (len(along), *jnp.shape(a))), tree.unflatten(leaves))
     units = tree.unflatten(_unit_directions(leaves, moving, len(along)))
-    flows, _ = _run_compiled(*(Dual(*pair) for pair in zip(lanes, units, strict=True)), schedule=schedule)
+    flows, _ = _run_compiled(*map(Dual._make, zip(lanes, units, strict=True)), schedule=schedule)
     flow, slopes = _first_lane_flow(flows.value), flows.tangent
     slopes = jax.tree.map(lambda a: jnp.where(flow.status == Status.OK, a, jnp.zeros_like(a)), slopes)
 

@@ -148,7 +148,7 @@ def _without_contact(springs: Springs) -> Equilibrium:
     lanes, none = len(q), np.zeros((len(q), 0, 1))
     contact = ContactState(none.astype(np.int32), none[..., 0].astype(np.int32), none)
     energy = -np.sum(springs.load * q.reshape(lanes, -1), axis=1) / 2
-    nothing = RestingContact(*[np.zeros((lanes, 0))] * len(RestingContact._fields))
+    nothing = RestingContact._make([np.zeros((lanes, 0))] * len(RestingContact._fields))
     return Equilibrium(q, np.ones(lanes, int), contact, nothing, energy, np.zeros(lanes))
 
 

@@ -112,13 +112,13 @@ def _sample(scenes: Scene, motion: LinearMotion, state: LinearState, method: Cho
     still = np.zeros_like(motion.N_max)
     whole = still + period
     sample = Sample(
-        Motion(*(np.asarray(part)[:, i] for part in (motion.displacement, motion.speed) for i in range(3))),
+        Motion._make(np.asarray(part)[:, i] for part in (motion.displacement, motion.speed) for i in range(3)),
         motion.power,
         largest=tuple(np.maximum(np.abs(a), np.abs(b)) for a, b in zip(highest, lowest, strict=True)),
         times=ContactTimes(whole, still, still) if state == "apart" else ContactTimes(still, whole, still),
     )
     if method.vibration:
-        sample = sample._replace(means=Means(*(np.asarray(a)[:, counted] for a in motion.means)))
+        sample = sample._replace(means=Means._make(np.asarray(a)[:, counted] for a in motion.means))
     if method.amplitudes:
         extent = DisplacementRange(highest, lowest)
         sample = sample._replace(moments=Moments(in_time(first), in_time(second)), extent=extent)
@@ -130,7 +130,7 @@ def _sample(scenes: Scene, motion: LinearMotion, state: LinearState, method: Cho
     if method.forces:
         loads = ContactLoads(motion.N * period, still, still, still)
         sample = sample._replace(
-            forces=ContactPeaks(motion.N_max, motion.F_max), loads=loads, impacts=Impacts(*[still] * 7)
+            forces=ContactPeaks(motion.N_max, motion.F_max), loads=loads, impacts=Impacts._make([still] * 7)
         )
     return sample
 

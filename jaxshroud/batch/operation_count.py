@@ -40,12 +40,12 @@ class TrialSize(NamedTuple):
 
 def size_of_pair_trial(scene: Scene, method: Choices) -> TrialSize:
     """The size of a trial step of a pair, which is not executed."""
-    return TrialSize(*map(int, _size_of_pair_trial(scene, method)))
+    return TrialSize._make(map(int, _size_of_pair_trial(scene, method)))
 
 
 def size_of_row_trial(scene: Scene, method: Choices) -> TrialSize:
     """The size of a trial step of a row, which is not executed."""
-    return TrialSize(*map(int, _size_of_row_trial(scene, method)))
+    return TrialSize._make(map(int, _size_of_row_trial(scene, method)))
 
 
 # The sizes are constants of programs: those of a kept one are read, not counted.

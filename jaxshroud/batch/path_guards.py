@@ -82,7 +82,8 @@ def rubbing_of(scenes: Scene) -> list[Rubbing]:
     lag = np.where(rubs, mu * k / np.where(rubs, k_d, 1.0), 0.0)
     turns = "theta" in scenes.parts.motion
     rounding = 64 * float(np.finfo(jax.dtypes.canonicalize_dtype(float)).eps)
-    return [Rubbing(*own, turns, turns and not scenes.points, rounding) for own in zip(rubs, lag, strict=True)]
+    at_corners = turns and not scenes.points
+    return [Rubbing(one, stretch, turns, at_corners, rounding) for one, stretch in zip(rubs, lag, strict=True)]
 
 
 def slip_direction(mode: np.ndarray) -> FloatArray:

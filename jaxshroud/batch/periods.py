@@ -241,10 +241,13 @@ def ended_pairs(
     del each
     gain, jumps = lanes.accumulator.integrals, lanes.accumulator.jumps
     logged: dict[str, Any] = {}
-    works, energies, astray = (), _total_energies(lanes, models), jnp.zeros_like(periods, bool)
+    works: dict[str, Any] = {}
+    energies = _total_energies(lanes, models)
+    astray = jnp.zeros_like(periods, bool)
     if gain.ledger is not None and jumps is not None:
         residual = energy_residual(gain.ledger, jumps, energies - stored_before)
-        works = gain.ledger.drive, gain.ledger.gross, filled(jumps.dropped, periods), residual
+        dropped = filled(jumps.dropped, periods)
+        works = {"work": gain.ledger.drive, "gross": gain.ledger.gross, "dropped": dropped, "residual": residual}
         logged["switched"] = jumps.springs
         if models.law.may_create_energy:  # the printed reading never balances, and other laws need no such check
             astray = is_unbalanced(residual, gain.ledger.gross, stored_before, energies)
@@ -257,7 +260,7 @@ def ended_pairs(
     means = mean_position(lanes.accumulator, lanes.state.motion, periods, steps, left_position_at)
     integrated = {"loads": gain.loads, "moments": gain.moments, "means": means}
     power = power[0] / periods, power[1] / periods
-    sample = Sample(with_zeros(lanes.state).motion, power, *works, **filled(logged | integrated, periods))
+    sample = Sample(with_zeros(lanes.state).motion, power, **works, **filled(logged | integrated, periods))
     overflowed = ~jnp.isfinite(sum(jax.tree.leaves(sample._replace(own=None)), energies))
     fault = jnp.where(overflowed, Status.NOT_FINITE, jnp.where(astray, Status.UNBALANCED, Status.OK))
     status = jnp.where(ended & (lanes.status == Status.OK), fault, lanes.status).astype(lanes.status.dtype)

@@ -83,7 +83,7 @@ def run_log(lanes: Any) -> RunLog:
     log, count = lanes.accumulator.log, len(lanes.status)
     counters = filled(log.counters, np.zeros(np.shape(log.v_max), np.int32))
     kept = log.v_max, counters, log.within
-    return RunLog(*jax.tree.map(lambda a: np.reshape(a, (count, -1)), kept))
+    return RunLog._make(jax.tree.map(lambda a: np.reshape(a, (count, -1)), kept))
 
 
 @jax.tree_util.register_dataclass

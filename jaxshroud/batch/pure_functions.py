@@ -64,9 +64,10 @@ def _moments_of_pair(begin: Admitted, schedule: Schedule) -> SampledMoments:
 def _moment_at(t: Scalar, turns: Scalar, state: State, stopped: Bool[Array, ""], model: Model) -> Moment:
     carried = carried_state(state, model)
     forces = contact_forces(drive_waves(*sincos_turns(turns), model.drive), carried, model)
-    of_contact = filled((forces.N, forces.F, forces.v, forces.u), forces.v)
+    of_contact = filled({"N": forces.N, "F": forces.F, "v": forces.v, "u": forces.u}, forces.v)
     # of the motion in any mode, so that the NaN of a stopped lane reaches all numbers in reverse mode
-    return Moment(t, state, *(jnp.where(stopped, state.motion.x[0], a) for a in of_contact))
+    of_contact = jax.tree.map(lambda a: jnp.where(stopped, state.motion.x[0], a), of_contact)
+    return Moment(t, state, **of_contact)
 
 
 def _chunk_of_pairs(scenes: Scene, states: State, plan: SweepPlan) -> LaneOutcomes:
@@ -84,7 +85,7 @@ def _chunk_of_pairs(scenes: Scene, states: State, plan: SweepPlan) -> LaneOutcom
 
     outcomes_of.defjvp(push, symbolic_zeros=True)
     found = outcomes_of(scenes, states)
-    return found._replace(means=Means(*((left,) for left in found.means)))
+    return found._replace(means=Means._make((left,) for left in found.means))
 
 
 def _lane_outcomes(scenes: Scene, states: State, plan: SweepPlan) -> LaneOutcomes:

@@ -88,7 +88,7 @@ def carried_row(state: State, model: RowModel) -> State:
         def moves(name):
             return name.removeprefix("v_") in model.parts.motion
 
-        motion = Motion(*(a if moves(name) else ZERO for name, a in zip(Motion._fields, motion, strict=True)))
+        motion = Motion._make(a if moves(name) else ZERO for name, a in zip(Motion._fields, motion, strict=True))
         motion = model.blades.carried(motion)
     law = model.interfaces.law
     u_s, mode = state.u_s, state.mode
@@ -191,7 +191,7 @@ def balance_of_rows(accumulator: Accumulator, gained: np.ndarray) -> EnergyBalan
         return None
     works = row_ledger(accumulator)
     of_blades = {"blade_work_drive": np.asarray(works.drive), "blade_loss_viscous": np.asarray(works.viscous)}
-    in_all = Ledger(*(np.asarray(a).sum(axis=-1) for a in works))._replace(friction=works.friction)
+    in_all = Ledger._make(np.asarray(a).sum(axis=-1) for a in works)._replace(friction=works.friction)
     residual = np.asarray(row_energy_residual(jax.tree.map(jnp.asarray, accumulator), jnp.asarray(gained), -1))
     return EnergyBalance(in_all, of_blades, residual, np.asarray(row_jumps(accumulator).dropped, float))
 

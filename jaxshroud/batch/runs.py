@@ -242,7 +242,7 @@ def unfolded_flow(flow: Dual, copies: int) -> Dual:
         numbers = {name: _tiled(getattr(part, name), copies, -1) for name in ("power", "moments", "means")}
         return part._replace(**numbers)
 
-    return Dual(*map(tiled, flow))
+    return Dual._make(map(tiled, flow))
 
 
 def unfolded_runs(runs: Runs, copies: int) -> Runs:

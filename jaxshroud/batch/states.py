@@ -82,7 +82,7 @@ def carried_state(state: State, model: Model) -> State:
     def keep(name, pair):
         return tuple(pair[i] if model.parts.has(name, i) else ZERO for i in (0, 1))
 
-    motion = Motion(*(keep(name, pair) for name, pair in zip(names, as_pairs(state.motion), strict=True)))
+    motion = Motion._make(keep(name, pair) for name, pair in zip(names, as_pairs(state.motion), strict=True))
     u_s = model.law.carried_slider(state.u_s, state.mode)
     return State(motion, u_s, model.law.carried_mode(state.mode), state.case)
 
@@ -100,7 +100,7 @@ def _sliders_like(mode: Any, u_s: Any) -> Any:
 
 def as_arrays(motion: Motion) -> Motion:
     """A motion of pairs as one with fields of shape (2,), inside compiled functions."""
-    return Motion(*map(jnp.stack, motion))
+    return Motion._make(map(jnp.stack, motion))
 
 
 def by_blade(tree: Tree) -> Tree:
@@ -150,7 +150,7 @@ def shroud_motion(motion: Any, scenes: Scene) -> Motion:
     def of(numbers):
         return np.einsum("lbij,jlb->ilb", np.asarray(matrices.shroud) * moves[:, None], np.stack(numbers))
 
-    return Motion(*of(motion.q), *of(motion.rate))
+    return Motion._make((*of(motion.q), *of(motion.rate)))
 
 
 def in_scene_precision(state: State, scene: Scene) -> State:
@@ -171,7 +171,7 @@ def to_vector(state: State) -> np.ndarray:
 def from_vector(vector: np.ndarray, mode: Any, case: Any, layout: Layout = PAIR, points: int = 0) -> State:
     """The inverse of `to_vector`, with so many points of contact of a face, 0 where a corner touches."""
     blades = layout.blades
-    motion = Motion(*(vector[..., i : i + blades] for i in range(0, 6 * blades, blades)))
+    motion = Motion._make(vector[..., i : i + blades] for i in range(0, 6 * blades, blades))
     sliders = vector[..., 6 * blades :]
     if points:
         return State(motion, sliders.reshape(*vector.shape[:-1], *layout.interface_shape, points), mode, case)

@@ -67,7 +67,7 @@ class RunningAmplitudes:
     def __init__(self, first: Motion, interval: np.ndarray):
         """`first` is the sample that the next ones follow at `interval` [s], (lanes,); fields (lanes, blades)."""
         self._h = interval[:, None, None, None]
-        q, rate = _displacements(Motion(*(a[:, None] for a in first)))
+        q, rate = _displacements(Motion._make(a[:, None] for a in first))
         self._origin, self._last = q[:, 0], (q, rate)
         self._count, self._sum, self._squares = 0, np.zeros_like(q[:, 0]), np.zeros_like(q[:, 0])
         self._highest, self._lowest = np.full_like(q[:, 0], -np.inf), np.full_like(q[:, 0], np.inf)
@@ -75,7 +75,7 @@ class RunningAmplitudes:
     def add(self, motion: Motion) -> None:
         """Count the next samples, fields (lanes, n, blades)."""
         for begin in range(0, motion.x.shape[1], SAMPLES_AT_ONCE):
-            self._add(Motion(*(a[:, begin : begin + SAMPLES_AT_ONCE] for a in motion)))
+            self._add(Motion._make(a[:, begin : begin + SAMPLES_AT_ONCE] for a in motion))
 
     def _add(self, motion: Motion) -> None:
         n = motion.x.shape[1]

@@ -127,7 +127,7 @@ def _run_sweep(scenes: Scene, states: State, plan: SweepPlan, method: Choices) -
     stopped = outcomes.status != Status.OK
     within = pure.within_bounds(stopped, scenes)
     A, P_0 = jax.vmap(lambda scene: (area(scene.shroud), free_power(scene)))(within)
-    motion = Motion(*(jnp.stack(blades, axis=-1) for blades in outcomes.motion))
+    motion = Motion._make(jnp.stack(blades, axis=-1) for blades in outcomes.motion)
     power = jnp.stack(outcomes.power, axis=-1)
     means = jnp.stack([jnp.stack(blades, axis=-1) for blades in outcomes.means], axis=1)
     square, means = replaced_where(stopped, (power, means), 0.0)

@@ -52,7 +52,8 @@ class Centre:
         self.silent = False
         self.pending = None
         numbers = {n.key.name: n for n in number_fields(exploration.file) if n.value is not None}
-        self.whole = {name: Window(name, *number.ends) for name, number in numbers.items()}
+        whole = {name: number.ends for name, number in numbers.items()}
+        self.whole = {name: Window(name, low, high) for name, (low, high) in whole.items()}
         usual = [*(a.key for a in exploration.file.axes), USUAL_KEY, *numbers]
         own = next(key for key in usual if key in numbers)
         self.window = self.whole[own]
@@ -147,7 +148,8 @@ class Centre:
         key, file = self.window.key, self.owner.exploration.file
         start, stop = (_end(parse_key(key)[0], end.value) for end in self.ends)
         found = axis(file, key, start=start, stop=stop, num=2)
-        self._take_window(Window(key, *sorted(map(float, found.values))))
+        low, high = sorted(map(float, found.values))
+        self._take_window(Window(key, low, high))
 
     def _zoomed(self, start: float, stop: float) -> None:
         """Take the window of the tools, once it has come to rest."""
@@ -170,8 +172,8 @@ class Centre:
         """A window within the range of its key."""
         number = next(n for n in number_fields(self.owner.exploration.file) if n.key.name == self.window.key)
         low = number.key.range.minimum if not number.key.range.open else min(number.ends[0], stop / 2)
-        ends = [few_digits(number.key, end) for end in (max(start, low), min(stop, number.key.range.maximum))]
-        return Window(self.window.key, *ends)
+        low, high = max(start, low), min(stop, number.key.range.maximum)
+        return Window(self.window.key, few_digits(number.key, low), few_digits(number.key, high))
 
     def _scale(self, by: float) -> None:
         """Zoom around the value whose motion is shown, or around the middle."""

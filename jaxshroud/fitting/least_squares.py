@@ -84,7 +84,7 @@ class Misfit:
     def at(self, u: np.ndarray) -> Residuals:
         """Those of one point."""
         if self._latest is None or self._latest[0] != u.tobytes():
-            self._latest = u.tobytes(), Residuals(*(a[0] for a in self.of_points(u[None])))
+            self._latest = u.tobytes(), Residuals._make(a[0] for a in self.of_points(u[None]))
         return self._latest[1]
 
     def chi2(self, u: np.ndarray) -> float:
@@ -127,7 +127,7 @@ class Points(NamedTuple):
 
     def take(self, which: Any) -> "Points":
         """Some of the points."""
-        return Points(self.u[which], Residuals(*(a[which] for a in self.residuals)))
+        return Points(self.u[which], Residuals._make(a[which] for a in self.residuals))
 
     def put(self, which: np.ndarray, others: "Points") -> "Points":
         """The points with others in some places."""
@@ -138,7 +138,7 @@ class Points(NamedTuple):
             return changed
 
         pairs = zip(self.residuals, others.residuals, strict=True)
-        return Points(placed(self.u, others.u), Residuals(*(placed(a, b) for a, b in pairs)))
+        return Points(placed(self.u, others.u), Residuals._make(placed(a, b) for a, b in pairs))
 
 
 def descend_together(
@@ -311,7 +311,19 @@ def check_says_something(points: Points) -> None:
 def estimate_at(misfit: Misfit, minima: list[Minimum], alike: int = 1, searches: int = 1) -> Estimate:
     """The estimate at the first of some minima."""
     u, chi2 = minima[0]
-    return Estimate(u, chi2, misfit.data.values.size - len(u), misfit, *misfit.at(u), minima, alike, searches)
+    at = misfit.at(u)
+    return Estimate(
+        u=u,
+        chi2=chi2,
+        freedom=misfit.data.values.size - len(u),
+        misfit=misfit,
+        residuals=at.values,
+        jacobian=at.jacobian,
+        known=at.known,
+        minima=minima,
+        alike=alike,
+        searches=searches,
+    )
 
 
 def _reweighted(misfit: Misfit, best: Minimum) -> tuple[Misfit, Minimum]:

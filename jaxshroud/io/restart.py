@@ -51,7 +51,7 @@ def stored_end(path: FilePath, scene_file: SceneFile) -> StoredEnd:
     dims = ("time", "interface")[: 1 + len(layout.interface_shape)]
     shape = layout.interface_shape
     blades = ("time", "blade"), (layout.blades,)
-    motion = Motion(*(_last_sample(path, ds, name, *blades) for name in Motion._fields))
+    motion = Motion._make(_last_sample(path, ds, name, *blades) for name in Motion._fields)
     case = _last_sample(path, ds, "case", dims, shape).astype(int)
     of_points = ""
     points = scene_file.scene.points
@@ -79,7 +79,10 @@ def _state(motion: Motion, u_s: np.ndarray, mode: np.ndarray, case: np.ndarray) 
     from jaxshroud.model.prepared import State
 
     return State(
-        Motion(*map(jnp.asarray, motion)), jnp.asarray(u_s), jnp.asarray(mode, jnp.int32), jnp.asarray(case, jnp.int32)
+        Motion._make(map(jnp.asarray, motion)),
+        jnp.asarray(u_s),
+        jnp.asarray(mode, jnp.int32),
+        jnp.asarray(case, jnp.int32),
     )
 
 

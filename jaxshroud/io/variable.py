@@ -137,7 +137,7 @@ class MotionVariable(Variable[Motion]):
         """
         if "x" not in data:
             raise InputError("This result keeps no samples of the motion: it was made with keep_samples=False.")
-        return Motion(*(data[name].to_numpy() for name in Motion._fields))
+        return Motion._make(data[name].to_numpy() for name in Motion._fields)
 
 
 class CountsVariable(Variable[Mapping[str, Any]]):

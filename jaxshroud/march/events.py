@@ -68,7 +68,8 @@ FLAT_PART = 1 / 24  # of a step: a rocking motion that returns sooner counts as 
 
 
 def _guard_of_lift(now: ContactNow) -> Guard:
-    return Guard(*now.model.law.lift_guard(now.at, now.rate, now.apart))
+    value, rate = now.model.law.lift_guard(now.at, now.rate, now.apart)
+    return Guard(value, rate)
 
 
 def _guard_of_turn(now: ContactNow) -> Guard:
@@ -80,7 +81,7 @@ def _guard_of_height(now: ContactNow) -> Guard:
 
 
 def _guard_of_rub(now: ContactNow) -> Guard:
-    return Guard(*now.model.law.friction_guard(now.at, now.rate, now.state.u_s, now.state.mode))
+    return Guard._make(now.model.law.friction_guard(now.at, now.rate, now.state.u_s, now.state.mode))
 
 
 def _mode_after_lift(instant: EventInstant) -> Int[Array, ""]:
@@ -217,7 +218,7 @@ def guard_values(
     apart = interface_mode(state.mode) == Mode.APART
     now = ContactNow(at, rate, torques, state, case, apart, case == FLAT, model)
     guards = [event.guard(now) if event.exists(model) else NO_GUARD for event in events]
-    return Guards(*zip(*guards, strict=True))
+    return Guards._make(zip(*guards, strict=True))
 
 
 NO_GUARD = Guard(ZERO, ZERO)

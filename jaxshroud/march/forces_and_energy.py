@@ -49,7 +49,7 @@ def stacked_point_forces(points: Any, zero: Any, axis: int = -1) -> Any:
     def stacked(numbers):
         return points_last(tuple(zero if is_zero(a) else a for a in numbers), axis)
 
-    return PointForces(*map(stacked, points))
+    return PointForces._make(map(stacked, points))
 
 
 def contact_forces(Q: Waves, state: State, model: Model) -> ContactForces:

@@ -177,7 +177,7 @@ IMPACTS = Observable(
     label="impacts, with their closing speeds and impulses",
     unit="1, m/s, N s",
     per="interface",
-    start=lambda at: Impacts(*[at.zero] * 7),
+    start=lambda at: Impacts._make([at.zero] * 7),
     update=_updated_impacts,
     reset=lambda before, z: from_zero(before, z)._replace(now=before.now),  # the current contact goes on
     of_series=final_closing_speed,

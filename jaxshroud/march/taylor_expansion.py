@@ -134,7 +134,7 @@ def _switch_series(Q: Waves, place: Placement, now: State, model: Model, order: 
     if not has_torsion(model):
         return []
     at, torques = place.at, end_torques_under(place.loaded, now.motion, Q, place.at, now, model)
-    leans = EndTorques(*(truncated(a, order - 2) for a in torques))
+    leans = EndTorques._make(truncated(a, order - 2) for a in torques)
     turn, height = switch_guards(at._replace(height=truncated(at.height, order - 1)), leans, now.case)
     # where contact ends, LIFT is first
     flat, torque = now.case == FLAT, model.law.normal_stiffness * model.block.l_ab * at.rounding

@@ -29,7 +29,7 @@ class BladeForces(NamedTuple):
 
     def plus(self, other: "BladeForces") -> "BladeForces":
         """The sum of both."""
-        return BladeForces(*(a + b for a, b in zip(self, other, strict=True)))
+        return BladeForces._make(a + b for a, b in zip(self, other, strict=True))
 
 
 class InverseMasses(NamedTuple):
@@ -73,8 +73,11 @@ class LumpedBlade(eqx.Module):
 
     def inverse_masses(self, parts: Parts) -> InverseMasses:
         """What multiplies forces to accelerations: the reciprocal masses of the blades of a row."""
-        masses = (("y", self.inertia_y), ("theta", self.I))
-        return InverseMasses(1 / self.m, *(1 / mass if parts.has(name, 0) else ZERO for name, mass in masses))
+
+        def inverse(name, mass):
+            return 1 / mass if parts.has(name, 0) else ZERO
+
+        return InverseMasses(x=1 / self.m, y=inverse("y", self.inertia_y), theta=inverse("theta", self.I))
 
     def shroud(self, z: Motion) -> Motion:
         """The motion of the shroud."""
@@ -150,7 +153,7 @@ class ElasticBlade(eqx.Module):
         def of(numbers):
             return [row if is_zero(row) else dot(row, numbers) for row in self.map]
 
-        return Motion(*of(z.q), *of(z.rate))
+        return Motion._make((*of(z.q), *of(z.rate)))
 
     def carried(self, z: Motion) -> Any:
         """The motion of the blade's coordinates, of least norm, that moves its shroud so."""

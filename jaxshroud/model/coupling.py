@@ -72,15 +72,15 @@ def neighbour_springs(scene: Scene) -> NeighbourSprings | None:
     def number(kind, name):
         return getattr(coupling, f"{kind}_{SUFFIXES[name]}") if scene.parts.has(name, 0) else None
 
-    numbers = [number(kind, name) for kind in "kc" for name in COORDINATES]
-    if all(a is None for a in numbers):
+    numbers = {f"{kind}_{SUFFIXES[name]}": number(kind, name) for kind in "kc" for name in COORDINATES}
+    if all(a is None for a in numbers.values()):
         return None
-    return NeighbourSprings(*(ZERO if a is None else a for a in numbers))
+    return NeighbourSprings(**{name: ZERO if a is None else a for name, a in numbers.items()})
 
 
 def motions_of_pair(z: Motion) -> tuple[Motion, Motion]:
     """The motions of both blades, from `Pair`s."""
-    return Motion(*(a[0] for a in z)), Motion(*(a[1] for a in z))
+    return Motion._make(a[0] for a in z), Motion._make(a[1] for a in z)
 
 
 def forces_with_springs(R: BladeForces, z: Motion, springs: NeighbourSprings | None) -> BladeForces:
@@ -92,14 +92,14 @@ def forces_with_springs(R: BladeForces, z: Motion, springs: NeighbourSprings | N
     def of_pair(a, force):
         return (a[0] + force, a[1] - force) if isinstance(a, tuple) else (force, -force)
 
-    return BladeForces(*(a if is_zero(f) else of_pair(a, f) for a, f in zip(R, on_left, strict=True)))
+    return BladeForces._make(a if is_zero(f) else of_pair(a, f) for a, f in zip(R, on_left, strict=True))
 
 
 def _on_both_sides(z: Motion, closed: bool) -> tuple[Motion, Motion]:
     """The motion of the blade left of each interface, and of that right of it."""
 
     def side(of):
-        return Motion(*(a if is_zero(a) else of(a, closed) for a in z))
+        return Motion._make(a if is_zero(a) else of(a, closed) for a in z)
 
     return side(left_of_interfaces), side(right_of_interfaces)
 
@@ -107,7 +107,7 @@ def _on_both_sides(z: Motion, closed: bool) -> tuple[Motion, Motion]:
 def forces_of_springs(z: Motion, springs: NeighbourSprings, closed: bool) -> BladeForces:
     """The forces of a row's springs and dampers on each blade, from the motion of the shrouds (N, lanes)."""
     on_left = springs.forces(*_on_both_sides(z, closed))
-    return BladeForces(*(a if is_zero(a) else sum_at_blades(a, -a, closed) for a in on_left))
+    return BladeForces._make(a if is_zero(a) else sum_at_blades(a, -a, closed) for a in on_left)
 
 
 def half_losses(z: Motion, springs: NeighbourSprings, closed: bool) -> Any:
@@ -146,7 +146,7 @@ def aero_matrices(scene: Scene) -> AeroMatrices | None:
     if not scene.aero.exists:
         return None
     parts = (scene.aero.coefficient(name) for name in ("L0", "L1", "L_1"))
-    return AeroMatrices(*(None if L is None else InfluenceForce(L[0], L[1] / scene.drive.omega) for L in parts))
+    return AeroMatrices._make(None if L is None else InfluenceForce(L[0], L[1] / scene.drive.omega) for L in parts)
 
 
 def forces_of_flow(z: Motion, aero: AeroMatrices, closed: bool) -> Any:

@@ -117,7 +117,7 @@ def excitation(drive: Drive) -> Excitation:
 def _prepared(one: AnyLoad) -> HarmonicForce | ComplexForce:
     """One harmonic, prepared for stepping."""
     if isinstance(one, ComplexLoad):
-        return ComplexForce(*one.amplitudes, sin_phase=jnp.sin(one.phase), cos_phase=jnp.cos(one.phase))
+        return ComplexForce._make((*one.amplitudes, jnp.sin(one.phase), jnp.cos(one.phase)))
     return HarmonicForce(one.F_x, one.F_y, one.M_0, jnp.sin(one.phase), jnp.cos(one.phase))
 
 

@@ -57,7 +57,8 @@ def static_position(scene: Scene) -> StaticPosition | None:
     if load is None:
         return None
     x, y, theta = (jnp.imag(a) for a in _response_to(scene, 0, load))
-    return StaticPosition(x, y, *sine_versine(theta))
+    sine, versine = sine_versine(theta)
+    return StaticPosition(x, y, sine, versine)
 
 
 def about_static(means: Any, at: StaticPosition | None) -> Any:
@@ -73,13 +74,13 @@ def means_from_static(scene: Scene, means: Any) -> Any:
     at = static_position(scene)
     if at is None:
         return means
-    return jnp.stack(about_static(means, StaticPosition(*(a[: means.shape[-1]] for a in at))))
+    return jnp.stack(about_static(means, StaticPosition._make(a[: means.shape[-1]] for a in at)))
 
 
 def _response_to(scene: Scene, order: int, load: AnyLoad) -> Amplitudes:
     """The steady response of the free blades to one harmonic."""
     if scene.is_coupled:
-        return Amplitudes(*coupled_response(scene, scene.drive.frequency(order), load))
+        return Amplitudes._make(coupled_response(scene, scene.drive.frequency(order), load))
     response = _steady_response if scene.blade_matrices is None else _elastic_response
     return response(scene, scene.drive.frequency(order), load)
 
@@ -100,7 +101,7 @@ def _elastic_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Amplitudes
     ]
     forces = times_vector([[row[j] for row in rows] for j in size], loads)
     found = times_vector(rows, times_vector(inverse_of(dynamic), forces))
-    return Amplitudes(*(a * moves for a, moves in zip(found, moving, strict=True)))
+    return Amplitudes._make(a * moves for a, moves in zip(found, moving, strict=True))
 
 
 def _steady_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Amplitudes:
@@ -277,4 +278,4 @@ def free_motion(scene: Scene, first: Motion, turns: Scalar, t: Float[Array, " n"
     """The motion of the free blades, fields (n, 2), at times `t` after the motion `first` at a drive phase [turns]."""
     start = free_components(scene, first, turns)
     parts = (jnp.einsum("nbik,bik->nbi", course, start) for course in free_propagators(scene, t))
-    return Motion(*(a[..., i] for a in parts for i in range(3)))
+    return Motion._make(a[..., i] for a in parts for i in range(3))

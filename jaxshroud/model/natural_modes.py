@@ -132,7 +132,7 @@ def linear_contact(scene: Scene, gradients: Any) -> LinearContact:
 
 def _coupled(scene: Scene) -> CouplingMatrices:
     """The matrices between blades over all coordinates."""
-    return CouplingMatrices(*map(over_coordinates, coupling_matrices(scene)))
+    return CouplingMatrices._make(map(over_coordinates, coupling_matrices(scene)))
 
 
 def _at_interface(gradient: Any, j: int, count: int) -> Any:

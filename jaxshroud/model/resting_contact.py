@@ -144,7 +144,7 @@ def _loads(q: Any, state: State, model: Model) -> tuple[Any, _OfPoints]:
         numbers = [forces.N], [forces.F], [at.v], [at.u]
     moves = jnp.array([model.parts.has(name, i) for name in COORDINATES for i in (0, 1)])
     on_each = jnp.where(moves, jnp.stack([R_x, -R_x, R_y, -R_y, *M]), 0.0)
-    return on_each, _OfPoints(*(jnp.stack(filled(tuple(a), at.v)) for a in numbers))
+    return on_each, _OfPoints._make(jnp.stack(filled(tuple(a), at.v)) for a in numbers)
 
 
 def _open_corners(q: Any, state: State, model: Model) -> Any:

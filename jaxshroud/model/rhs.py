@@ -146,7 +146,7 @@ def accelerations(z: Motion, Q: Waves, load: Load, model: Model) -> Acceleration
     R = forces_with_springs(contact, z, model.coupling)
     own = z, Q, model.drive, R, model.mobility.inverse
     left, right = (of_blade(i, model.blades)[0].accelerations(*of_blade(i, *own)) for i in (0, 1))
-    return Acceleration(*zip(left, right, strict=True))
+    return Acceleration._make(zip(left, right, strict=True))
 
 
 def parallel_mean(pair: Pair, model: Model) -> Pair:
@@ -223,7 +223,8 @@ class StateDerivative(NamedTuple):
 
 def position_at(x: Any, y: Any, theta: Any) -> Means:
     """The position at some displacements, of any shape."""
-    return Means(x, y, *((theta, theta) if is_zero(theta) else sine_versine(theta)))
+    sine, versine = (theta, theta) if is_zero(theta) else sine_versine(theta)
+    return Means(x, y, sine, versine)
 
 
 def left_position(q: Pose) -> Means:

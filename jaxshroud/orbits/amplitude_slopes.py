@@ -112,7 +112,7 @@ def turning_points(q: np.ndarray, rate: np.ndarray, period: float, steps: int, b
     s = m_0 / (m_0 - m_1)
     b, c = hermite_coefficients(q_0, q_1, m_0, m_1)
     columns = (places + s) / steps, q_0 + s * (m_0 + s * (b + s * c)), places / steps, rate[places]
-    turns = [Extreme(*map(float, row), blade=blade) for row in zip(*columns, strict=True)]
+    turns = [Extreme._make((*map(float, row), blade)) for row in zip(*columns, strict=True)]
     return turns or [Extreme(1.0, float(q[0]), 0.0, 0.0, blade)]
 
 

@@ -114,7 +114,7 @@ def orbit_gradient(orbit: PeriodicOrbit, wrt: Sequence[str], of: Quantity = "P_d
     slope = np.asarray(slope, float)
     zeros = np.zeros(len(wrt))
     flags = (*orbit.flags, *flags)
-    return PowerGradient("periodic", slope, zeros, level, 0.0, orbit, orbit.conditioning, 0.0, flags, *both)
+    return PowerGradient("periodic", slope, zeros, level, 0.0, orbit, orbit.conditioning, 0.0, flags, **both._asdict())
 
 
 def _power_slope(
@@ -299,9 +299,9 @@ def _sampled_levels(scene: Scene, wrt: Sequence[str], values: np.ndarray, of: Qu
     method = plan.method._replace(amplitudes=amplitude_of(of) is not None, vibration=is_reduction(of))
     plan = replace(plan, method=method)
     runs = run_lanes(scenes, initial_states(scenes), plan, lambda _: None)
-    both = _Reductions(*np.full((2, len(values)), np.nan))
+    both = _Reductions._make(np.full((2, len(values)), np.nan))
     if is_reduction(of):
-        both = _Reductions(*(levels_of(one, scenes, runs.samples).value for one in ("P_d", "P_d_vibration")))
+        both = _Reductions._make(levels_of(one, scenes, runs.samples).value for one in ("P_d", "P_d_vibration"))
     return *levels_of(of, scenes, runs.samples), runs.last.status == Status.OK, both
 
 

@@ -117,7 +117,7 @@ def _as_orbit(scene: Scene, value, steps: int, method: Choices) -> PeriodicOrbit
     area, P_0 = area_and_free_power(scene)
     P = area * np.asarray(value.power)[0]
     counts = scene.layout.counting
-    first = Motion(*(np.asarray(part)[0, i] for part in (value.displacement, value.speed) for i in range(3)))
+    first = Motion._make(np.asarray(part)[0, i] for part in (value.displacement, value.speed) for i in range(3))
     lane = one_lane(without_given(scene))
     multipliers = linear_multipliers(lane, held_contact(lane, cast(LinearState, scene.parts.contact)))[0]
     shape = (*scene.layout.interface_shape, *((scene.points,) if scene.points else ()))

@@ -115,8 +115,8 @@ def lyapunov_exponents(
             forgotten = max(int(_are_sliders_set(scene, end)[~stuck].sum()) for end in (before, state))
             grown = [_without_forgotten(rates, forgotten, moving, scene.parts.contact == "spring") for rates in grown]
         growth += [np.append(rates, np.zeros(int(stuck.sum()))) for rates in grown]
-    mean = mean_exponents(np.array(growth).reshape(-1, len(places.all)))
-    return Exponents(*mean, bool(stuck.any()), int(status), state)
+    exponents, ci, growth = mean_exponents(np.array(growth).reshape(-1, len(places.all)))
+    return Exponents(exponents, ci, growth, bool(stuck.any()), int(status), state)
 
 
 def _sliders_in(state: State, mode: Mode) -> np.ndarray:
@@ -304,7 +304,9 @@ def nearby_growth(
     """
     drawn = np.random.default_rng(SEED).standard_normal((len(Motion._fields), *np.shape(states.motion.x)))
     here = states
-    there = _moved_by(here, Motion(*(a * s for a, s in zip(drawn, size, strict=True))), np.zeros_like(here.u_s), size)
+    there = _moved_by(
+        here, Motion._make(a * s for a, s in zip(drawn, size, strict=True)), np.zeros_like(here.u_s), size
+    )
     growth = []
     for _ in range(ALIGNED + periods):
         (here, goes), (there, also) = period_of(here), period_of(there)

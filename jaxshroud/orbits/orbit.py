@@ -172,7 +172,7 @@ def vibration_reduction(scene: Scene, tangents: Tangents, area: float, P_0: np.n
         return float("nan")
     gyration = gyration_of_sides(float(scene.shroud.l_oa), float(scene.shroud.l_ab))
     at = static_positions(repeat_lane(without_given(scene), 1))
-    means = about_static(tangents.means, at and StaticPosition(*(a[0, 0] for a in at)))
+    means = about_static(tangents.means, at and StaticPosition._make(a[0, 0] for a in at))
     square = vibration_square(tangents.power[: tangents.means.shape[-1]], means, gyration)
     return reduction_of(scene, area * square, P_0)
 

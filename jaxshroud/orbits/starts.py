@@ -50,7 +50,7 @@ def start_range(scene: Scene) -> Motion:
     blades = range(len(amplitudes[0]))
     movable = [np.array([scene.parts.has(name, blade) for blade in blades]) for name in ("x", "y", "theta")]
     ranges = [(p + g) * m for p, g, m in zip(amplitudes, (gap, gap, gap / lever), movable, strict=True)]
-    return Motion(*ranges, *(omega * w for w in ranges))
+    return Motion._make([*ranges, *(omega * w for w in ranges)])
 
 
 def random_starts(scene: Scene, n: int, seed: int, spread: float) -> State:
@@ -64,12 +64,12 @@ def random_starts(scene: Scene, n: int, seed: int, spread: float) -> State:
     draws = starts
     for _ in range(MAX_DRAWS):
         draws = rng.uniform(-spread, spread, (n, 6, 2)) * np.stack(ranges)
-        is_apart = np.asarray(_overlap(scene, Motion(*np.moveaxis(draws, 1, 0))) < 0)
+        is_apart = np.asarray(_overlap(scene, Motion._make(np.moveaxis(draws, 1, 0))) < 0)
         starts = np.concatenate([starts, draws[is_apart]])
         if len(starts) >= n:
             break
     starts = np.concatenate([starts, draws])[:n]  # with interference nearly all overlap
-    motions = Motion(*(jnp.asarray(a) for a in np.moveaxis(starts, 1, 0)))
+    motions = Motion._make(jnp.asarray(a) for a in np.moveaxis(starts, 1, 0))
     return jax.vmap(partial(initial_state, points=scene.points))(motions)
 
 
@@ -80,8 +80,7 @@ def random_row_starts(scene: Scene, n: int, seed: int, spread: float) -> State:
     """
     rates = start_range(scene)[3:]
     drawn = np.random.default_rng(seed).uniform(-spread, spread, (n, len(rates), len(rates[0]))) * np.stack(rates)
-    at_rest = np.zeros_like(drawn[:, 0])
-    motion = Motion(at_rest, at_rest, at_rest, *np.moveaxis(drawn, 1, 0))
+    motion = Motion._make([*3 * [np.zeros_like(drawn[:, 0])], *np.moveaxis(drawn, 1, 0)])
     return states_apart(repeat_lane(scene, n), motion)
 
 

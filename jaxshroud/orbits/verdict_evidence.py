@@ -153,7 +153,7 @@ class Stretches(NamedTuple):
 
     def longer(self, times: int) -> "Stretches":
         """The stretches, `times` as long."""
-        return Stretches(*(times * n for n in self))
+        return Stretches._make(times * n for n in self)
 
 
 class Evidence(NamedTuple):

@@ -107,7 +107,7 @@ def lyapunov_page(ds: xr.Dataset, appearance: Appearance) -> Page[ExponentData]:
     size = (PAGE_WIDTH, 2.8)
     if "status" not in ds.attrs:
         return Page(None, (), title, size, nothing=MANY)
-    content = ExponentData(*(ds[name].to_numpy() for name in ("exponents", "ci", "growth")))
+    content = ExponentData._make(ds[name].to_numpy() for name in ("exponents", "ci", "growth"))
     if not len(content.finite):
         return Page(None, (), title, size, nothing="no exponent is a number")
     return Page(content, LYAPUNOV_PANELS, title, size, columns=2)

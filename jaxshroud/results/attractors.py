@@ -50,7 +50,7 @@ class InitialMotion(MotionVariable):
 
     def read(self, data: "xr.Dataset") -> Motion:
         """A `Motion` of arrays."""
-        return Motion(*(data[f"initial_{name}"].to_numpy() for name in Motion._fields))
+        return Motion._make(data[f"initial_{name}"].to_numpy() for name in Motion._fields)
 
 
 class Attractors(Result):
@@ -233,7 +233,7 @@ def attractor_values(found: "FoundAttractors", paths: Sequence[np.ndarray]) -> d
         "share": values["starts"] / starts,
         "share_low": low,
         "share_high": high,
-        "motion": Motion(*fields),
+        "motion": Motion._make(fields),
         "distance": nearest_distances(found.attractors),
         "label": found.label,
         "status": ends.status,

@@ -122,7 +122,7 @@ class Branch(WithAmplitudes, Result):
         values: dict[str, Any] = {
             name: np.stack([np.asarray(row[name]) for row in rows]) for name in rows[0] if name != "motion"
         }
-        values["motion"] = Motion(*(np.stack(field) for field in zip(*(row["motion"] for row in rows), strict=True)))
+        values["motion"] = Motion._make(np.stack(field) for field in zip(*(row["motion"] for row in rows), strict=True))
         gap = values.pop("gap")
         values |= {"along": along, "ends_of_branches": "; ".join(", ".join(branch.ends) for branch in branches)}
         coords = {"blade": np.arange(layout.blades), "displacement": component_names(layout)[: 3 * layout.blades]}
@@ -184,7 +184,7 @@ class Branch(WithAmplitudes, Result):
 
     def start(self, point: int) -> "State":
         """The state of a point at drive phase 0, from which a run can start."""
-        return stored_state(self, Motion(*(field[point] for field in self.motion)), point)
+        return stored_state(self, Motion._make(field[point] for field in self.motion), point)
 
     @property
     def messages(self) -> list[str]:

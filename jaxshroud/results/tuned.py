@@ -220,7 +220,7 @@ class Tuned(Result):
         """The best design simulated again in other ways."""
         names = map(str, self.data["check"].to_numpy())
         fields = [getattr(self, f"check_{name}") for name in DesignJudgement._fields]
-        return {name: DesignJudgement(*(field[i : i + 1] for field in fields)) for i, name in enumerate(names)}
+        return {name: DesignJudgement._make(field[i : i + 1] for field in fields) for i, name in enumerate(names)}
 
     @property
     def intervals(self) -> dict[str, DesignInterval]:

@@ -108,9 +108,15 @@ def _modal_inputs(name: str, mass: str) -> tuple[DerivedInput, DerivedInput]:
     )
 
 
-def _derived_input(keys: list[str], number: str, needs: list[str], *formulas: Callable[..., Any]) -> DerivedInput:
-    rows = (tuple(ALL_KEYS[name] for name in names) for names in (keys, needs))
-    return DerivedInput(next(rows), KEYS[number], next(rows), *formulas)
+def _derived_input(
+    keys: list[str],
+    number: str,
+    needs: list[str],
+    formula: Callable[..., Any],
+    inverse: Callable[..., Any] | None = None,
+) -> DerivedInput:
+    of_keys, of_needs = (tuple(ALL_KEYS[name] for name in names) for names in (keys, needs))
+    return DerivedInput(of_keys, KEYS[number], of_needs, formula, inverse)
 
 
 DERIVED_INPUTS = (  # in the order of their evaluation

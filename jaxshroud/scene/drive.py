@@ -182,8 +182,8 @@ class ComplexHarmonic(eqx.Module):
 
     def under(self, phase: Any, level: Any) -> ComplexLoad:
         """The force and the moment under the phase and the level of the drive, by NumPy or JAX."""
-        loads = (_at_level(level, load) for load in self.amplitudes)
-        return ComplexLoad(*loads, phase=phase if self.order == 1 else self.order * phase)
+        loads = {name: _at_level(level, getattr(self, name)) for name in COMPLEX_KEYS}
+        return ComplexLoad(**loads, phase=phase if self.order == 1 else self.order * phase)
 
 
 def _at_level(level: Any, load: Any) -> Any:
@@ -256,7 +256,7 @@ class Drive(eqx.Module):
     def _mean_load(self) -> MeanLoad | None:
         loads = (self.F_x_mean, self.F_y_mean, self.M_mean)
         given = next((load for load in loads if load is not None), None)
-        return None if given is None else MeanLoad(*(0 * given if load is None else load for load in loads))
+        return None if given is None else MeanLoad._make(0 * given if load is None else load for load in loads)
 
     def _sines(self) -> Harmonics:
         if self.harmonic is not None:

@@ -35,7 +35,7 @@ class Motion(NamedTuple):
     v_theta: Any  # [rad/s]
 
 
-AT_REST = Motion(*[(0.0, 0.0)] * 6)
+AT_REST = Motion._make([(0.0, 0.0)] * 6)
 KEY_PATTERN = re.compile(r"(?P<name>.*?)(\[(?P<index>0|[1-9]\d{0,3})\])?")
 HARMONIC_ENTRY = re.compile(r"harmonic\[(?P<index>0|[1-9]\d?)\]\.(?P<name>\w+)")  # of the table `drive`
 POINT_ENTRY = re.compile(r"point\[(?P<index>0|[1-9]\d?)\]\.place")  # of the table `contact`

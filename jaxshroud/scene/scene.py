@@ -46,7 +46,7 @@ from jaxshroud.scene.valid import KEYS_BY_TABLE, check_number, check_numbers, ch
 
 def _motion_per_blade(motion: Any) -> Any:
     """A motion with one number per blade in each field."""
-    return Motion(*map(per_blade, motion)) if isinstance(motion, Motion) else motion
+    return Motion._make(map(per_blade, motion)) if isinstance(motion, Motion) else motion
 
 
 def _given(inputs: Mapping[str, Any]) -> dict[str, Any]:

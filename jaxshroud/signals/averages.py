@@ -60,7 +60,7 @@ def static_positions(scenes: Scene) -> StaticPosition | None:
         return None
     at = _static_positions(without_given(scenes))
     assert at is not None  # as there is a mean load
-    return StaticPosition(*(np.asarray(a, float)[:, None, scenes.layout.counting] for a in at))
+    return StaticPosition._make(np.asarray(a, float)[:, None, scenes.layout.counting] for a in at)
 
 
 @kept()
@@ -175,7 +175,9 @@ def reduction(
         for q, group in zip(np.unique(number), groups, strict=True)
     ]
     order = np.argsort(np.concatenate(groups))
-    return Reduction(*(np.concatenate(a)[order].reshape(lanes + a[0].shape[1:]) for a in zip(*reductions, strict=True)))
+    return Reduction._make(
+        np.concatenate(a)[order].reshape(lanes + a[0].shape[1:]) for a in zip(*reductions, strict=True)
+    )
 
 
 def period_reductions(scenes: Scene, samples: Sample, P_0: FloatArray) -> FloatArray:

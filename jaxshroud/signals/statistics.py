@@ -125,7 +125,7 @@ def variance_indices(values: np.ndarray, seed: int, rounding: float = 0.0) -> So
     All are NaN where the outputs vary by no more than `rounding`: their variance has no shares.
     """
     if np.ptp(values) <= rounding:
-        return SobolIndices(*np.full((6, len(values) - 2), np.nan))
+        return SobolIndices._make(np.full((6, len(values) - 2), np.nan))
     rows = np.random.default_rng(seed).integers(values.shape[1], size=(RESAMPLES, values.shape[1]))
     first, total = _estimates(values[:, None])
     resampled = _estimates(values[:, rows])

@@ -285,8 +285,13 @@ def _coordinate(oscillator: tuple[Any, Any, Any], free: FreeMotion, name: str) -
     strongest = free.strongest[name]
     with np.errstate(divide="ignore", invalid="ignore"):
         resonant = np.where(strongest > 0, strongest / (c * np.sqrt(k / m)), 0.0)
-    numbers = np.sqrt(k / m) / RAD_PER_CYCLE, c / (2 * np.sqrt(k * m)), free.loads[name] / k, free.peaks[name], resonant
-    return Coordinate(*map(_floats, numbers))
+    return Coordinate(
+        frequency=_floats(np.sqrt(k / m) / RAD_PER_CYCLE),
+        zeta=_floats(c / (2 * np.sqrt(k * m))),
+        static=_floats(free.loads[name] / k),
+        amplitude=_floats(free.peaks[name]),
+        resonant=_floats(resonant),
+    )
 
 
 def _floats(numbers: np.ndarray) -> tuple[float, ...]:

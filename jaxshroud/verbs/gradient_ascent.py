@@ -95,7 +95,7 @@ def ascent_paths(problem: Problem, u: np.ndarray, judged: DesignJudgement, updat
             u[improved], score[improved] = trial_u[improved], judged.score[improved]
             ci = np.where(judged.score >= score, problem.objective_ci(judged), ci)
             slope[improved], is_exact[improved] = _slope(
-                problem, u[improved], DesignJudgement(*(a[improved] for a in judged)), tick
+                problem, u[improved], DesignJudgement._make(a[improved] for a in judged), tick
             )
         points.append(u)
         scores.append(score)
@@ -217,7 +217,7 @@ def exact_slopes(problem: Problem, u: np.ndarray, tick: Tick) -> tuple[np.ndarra
         ends = settled_linear_tangents(scenes, directions, len(keys))
         tick(n_lanes * (plan.transient + plan.kept))
         own = per_key(scenes)
-        slope = _reduction_slopes(problem, Dual(own, directions), Dual(*(linear_flow(end, own) for end in ends)))
+        slope = _reduction_slopes(problem, Dual(own, directions), Dual._make(linear_flow(end, own) for end in ends))
         return slope.reshape(len(u), rows, len(keys)), np.zeros((len(u), rows, len(keys)))
     scene = Dual(per_key(scenes), directions)
     method = as_differentiable(plan.method)._replace(vibration=problem.of == "P_d_vibration")
@@ -319,7 +319,7 @@ def verify_design(problem: Problem, design: np.ndarray, seed: int, tick: Tick) -
     states = jax.tree.map(lambda *a: np.concatenate(a), *(start_states(one, scenes) for one in [problem, *perturbed]))
     by_half = judge_designs(problem._replace(plan=finer), design[None], tick)
     for_long = judge_designs(problem._replace(plan=longer), np.tile(design, (1 + OTHER_STARTS, 1)), tick, states)
-    each = [DesignJudgement(*(a[i : i + 1] for a in for_long)) for i in range(1 + OTHER_STARTS)]
+    each = [DesignJudgement._make(a[i : i + 1] for a in for_long) for i in range(1 + OTHER_STARTS)]
     others = {f"another start, {i}": each[i] for i in range(1, 1 + OTHER_STARTS)}
     return {SAME_START_CHECKS[0]: by_half, SAME_START_CHECKS[1]: each[0]} | others
 

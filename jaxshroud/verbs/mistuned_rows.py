@@ -149,7 +149,7 @@ def _ascend(
         step *= np.where(better[:, None], STEP_GAIN, STEP_LOSS)
         spent += len(patterns) * problem.cost
         if better.any():
-            taken = LargestAmplitude(*(np.asarray(a)[better] for a in tried))
+            taken = LargestAmplitude._make(np.asarray(a)[better] for a in tried)
             found = problem.slopes(patterns[better], taken)
             slope = slope.copy()
             slope[better] = found.by_mistuning
@@ -212,10 +212,17 @@ def swept_responses(
         dims=("pattern",),
         **run,
     )
-    directed = (lambda a: np.moveaxis(a, 0, 1)) if direction == "both" else (lambda a: a[:, None])
-    amplitude = np.asarray(getattr(swept, row.of), float)
-    numbers = amplitude, swept.status, swept.settled, np.where(swept.unjudged, swept.periods_to_keep, 0.0)
-    responses = RowResponses(*(directed(np.asarray(a)) for a in numbers))
+
+    def directed(a):
+        a = np.asarray(a)
+        return np.moveaxis(a, 0, 1) if direction == "both" else a[:, None]
+
+    responses = RowResponses(
+        amplitude=directed(np.asarray(getattr(swept, row.of), float)),
+        status=directed(swept.status),
+        settled=directed(swept.settled),
+        to_keep=directed(np.where(swept.unjudged, swept.periods_to_keep, 0.0)),
+    )
     return responses, swept.chatter
 
 

@@ -208,7 +208,9 @@ def flow_modes(blades: LinearContact, flow: FloatArray, closed: bool) -> tuple[F
     own_damping = row.damping - flow
     if closed and all(map(_is_circulant, row)):
         return tuple(
-            _mode(*_root_of(Oscillators(*(_of_wave(a, h) for a in row))), _of_wave(own_damping, h), row.mass[:1, :1], h)
+            _mode(
+                *_root_of(Oscillators._make(_of_wave(a, h) for a in row)), _of_wave(own_damping, h), row.mass[:1, :1], h
+            )
             for h in range(-((count - 1) // 2), count // 2 + 1)
         )
     roots, shapes = roots_of(row)

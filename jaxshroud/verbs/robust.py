@@ -80,9 +80,9 @@ def interval_of(
         designs[:, i] = values(new_u)
         evaluated = _evaluated(problem, judge_designs(problem, designs, tick), reference, allowed_loss)
         columns = [np.concatenate(pair) for pair in zip(probes, (new_u, *evaluated), strict=True)]
-        return Probes(*(a[np.argsort(columns[0])] for a in columns))
+        return Probes._make(a[np.argsort(columns[0])] for a in columns)
 
-    probes = probe(Probes(*(np.empty(0),) * 4), np.array([centre]))
+    probes = probe(Probes._make((np.empty(0),) * 4), np.array([centre]))
     if probes.cause[0] == BOUND:
         probes = _audited(_refined(_bracketed(probes, centre, probe), centre, probe), centre, probe)
     return _interval(probes._replace(u=values(probes.u)), design[i])

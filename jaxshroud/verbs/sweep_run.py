@@ -240,7 +240,7 @@ def _lane_numbers(scenes: Scene, runs: Runs, settings: SweepSettings) -> dict[st
     runs = jax.tree.map(in_float64, runs)
     (number, settling), power, P_0 = averages(scenes, runs.samples, settings.period_tol)
     counted = counted_periods(runs.samples, number)
-    times = ContactTimes(*(counted_mean(t.sum(axis=-1), counted) for t in runs.samples.times))
+    times = ContactTimes._make(counted_mean(t.sum(axis=-1), counted) for t in runs.samples.times)
     with np.errstate(invalid="ignore", divide="ignore"):
         residual = relative_residual(runs.samples) if settings.plan.method.ledger else None
         dropped = relative_drop(runs.samples) if settings.plan.method.ledger else None

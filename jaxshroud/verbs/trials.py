@@ -2,12 +2,12 @@
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import combinations
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -116,13 +116,18 @@ def choose(
     return next(choice for choice in choices if choice.reached <= ACCEPTABLE_RATIO * smallest)
 
 
+def _setting(row: Sequence[Any]) -> Setting:
+    """A setting of the table, whose last fields may be left out."""
+    return Setting(**dict(zip(Setting._fields, row, strict=False)))
+
+
 def _candidates(lanes: Scene, accuracy: float) -> tuple[list[Setting], bool]:
     """The settings of the table for an accuracy and for better ones, then finer ones; is it the table's first word?"""
     near = PARALLEL if least_tilt(lanes) < PARALLEL_TILT and lanes.parts.has("theta", 0) else TILTED
     rows = _accuracy_table()[near][: int(np.searchsorted(STIFFNESS_CLASSES, stiffness_ratio(lanes, 1))) + 1]
-    settings = {float(level): Setting(*setting) for level, setting in rows[-1].items()}
+    settings = {float(level): _setting(setting) for level, setting in rows[-1].items()}
     sufficient = [settings[level] for level in sorted(settings, reverse=True) if level <= accuracy * 1.001]
-    finest = [Setting(*list(row.values())[-1]) for row in rows if row]
+    finest = [_setting(list(row.values())[-1]) for row in rows if row]
     begun = 4 * flat_return_for(accuracy)  # trials tell whether this is enough
     found = [setting._replace(flat_return=begun) for setting in sufficient or finest[-1:]]
     found = [setting for pair in zip([found[0], *found], found, strict=False) for setting in _decades(*pair)]

@@ -218,12 +218,14 @@ def _search(
         state = problem.scene.parts.contact
         raise InputError(f"No design of the scan keeps its contact {state}: the motion takes more than its margins.")
     best_first = np.argsort(-scanned.score, kind="stable")[:n_starts]
-    paths = ascent_paths(problem, cube[best_first], DesignJudgement(*(a[best_first] for a in scanned)), updates, ticker)
+    paths = ascent_paths(
+        problem, cube[best_first], DesignJudgement._make(a[best_first] for a in scanned), updates, ticker
+    )
     best_path = int(np.argmax(paths.scores[-1]))
     end, score = paths.points[-1, best_path], paths.scores[-1, best_path]
     place = None
     if size == 1:
-        looked = Looked(*np.zeros((3, 0))).joined(cube[:, 0], scanned.score, problem.objective_ci(scanned))
+        looked = Looked._make(np.zeros((3, 0))).joined(cube[:, 0], scanned.score, problem.objective_ci(scanned))
         looked = looked.joined(end, score[None], paths.end_ci[best_path : best_path + 1])
         polished, polished_scores, looked = refine_design(problem, looked, ticker)
         place = problem.values(np.array(looked.place)[:, None]).T
