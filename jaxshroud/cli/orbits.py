@@ -55,18 +55,27 @@ IN_ATTRACTORS_TABLE = ("starts", "undecided or stopped", "worst", "method", "sec
 def _response_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
     """The number, its range, the amplitude and the family."""
     along = options.along or next((one.key for one in file.axes), "drive.omega")
-    own = next((one.values for one in file.axes if one.key == along), None)
-    ends = [options.start, options.stop]
-    if own is not None:
-        ends = [pick(own) if end is None else end for end, pick in zip(ends, (np.min, np.max), strict=True)]
-    if None in ends:
-        raise CommandError(f"--along {along}: {file.name} has no range of it; give --start and --stop")
-    values = axis(file, along, start=ends[0], stop=ends[1], num=2).values
-    at = None if options.at is None else float(axis(file, along, options.at).values[0])
+    values = _values_in_range(file, options, along)
     return {
-        **{"along": along, "start": float(values.min()), "stop": float(values.max()), "at": at},
-        **{"of": options.of or "x_peak", "over": _family(file, options)},
+        "along": along,
+        "start": float(values.min()),
+        "stop": float(values.max()),
+        "at": None if options.at is None else float(axis(file, along, options.at).values[0]),
+        "of": options.of or "x_peak",
+        "over": _family(file, options),
     }
+
+
+def _values_in_range(file: SceneFile, options: argparse.Namespace, along: str, num: int = 2) -> np.ndarray:
+    """Values of a number from --start to --stop, or from end to end of the file's own range."""
+    own = next((one.values for one in file.axes if one.key == along), None)
+    start, stop = options.start, options.stop
+    if own is not None:
+        start = np.min(own) if start is None else start
+        stop = np.max(own) if stop is None else stop
+    if start is None or stop is None:
+        raise CommandError(f"--along {along}: {file.name} has no range of it; give --start and --stop")
+    return axis(file, along, start=start, stop=stop, num=num).values
 
 
 def _family(file: SceneFile, options: argparse.Namespace) -> dict[str, np.ndarray] | None:
@@ -78,7 +87,7 @@ def _family(file: SceneFile, options: argparse.Namespace) -> dict[str, np.ndarra
     return {key.strip(): axis(file, key.strip(), values).values}
 
 
-def _ends_of_response(call: VerbCall) -> Scene:
+def _ends_of_range(call: VerbCall) -> Scene:
     """The scenes at both ends of the range."""
     start, stop = call.arguments["start"], call.arguments["stop"]
     return scenes_at(call.file.scene, [call.arguments["along"]], np.array([[start], [stop]]))
@@ -162,27 +171,10 @@ def _branch_overrides(options: argparse.Namespace) -> list[str]:
 
 def _branch_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
     """The ends of the range."""
-    values = _background_values(file, options)
+    values = _values_in_range(file, options, options.along)
     if options.num:
         refuse_existing(options.out / BACKGROUND_FILE, options.force)
     return {"start": float(values.min()), "stop": float(values.max())}
-
-
-def _background_values(file: SceneFile, options: argparse.Namespace) -> np.ndarray:
-    """The values of the sweep behind, from end to end of the range."""
-    own = next((a.values for a in file.axes if a.key == options.along), None)
-    ends = [options.start, options.stop]
-    if own is not None:
-        ends = [pick(own) if end is None else end for end, pick in zip(ends, (np.min, np.max), strict=True)]
-    if None in ends:
-        raise CommandError(f"--along {options.along}: {file.name} has no range of it; give --start and --stop")
-    return axis(file, options.along, start=ends[0], stop=ends[1], num=max(options.num, 2)).values
-
-
-def _ends_of_branch(call: VerbCall) -> Scene:
-    """The scenes at both ends of the range."""
-    start, stop = call.arguments["start"], call.arguments["stop"]
-    return scenes_at(call.file.scene, [call.options.along], np.array([[start], [stop]]))
 
 
 def _background_sweep(completed: CompletedCall) -> SweepResult | None:
@@ -190,7 +182,8 @@ def _background_sweep(completed: CompletedCall) -> SweepResult | None:
     file, options = completed.file, completed.options
     if not options.num:
         return None
-    values, run = _background_values(file, options), file.sweep_run
+    values = _values_in_range(file, options, options.along, max(options.num, 2))
+    run = file.sweep_run
     with progress_bar("lane-periods") as report, input_errors_at(file.name):
         check_size(values.size, run.transient, run.periods)
         sweep = jaxshroud.sweep(
@@ -290,7 +283,7 @@ def _output_attractors(completed: CompletedCall) -> None:
 orbit_command = Computation(usual=FOR_P_D)
 response_command = Computation(
     prepare=_response_arguments,
-    scenes=_ends_of_response,
+    scenes=_ends_of_range,
     usual=FOR_P_D,
     run=call_with_accuracy_warnings,
     output=_output_response,
@@ -298,7 +291,7 @@ response_command = Computation(
 branch_command = Computation(
     overrides=_branch_overrides,
     prepare=_branch_arguments,
-    scenes=_ends_of_branch,
+    scenes=_ends_of_range,
     usual=FOR_P_D,
     output=_output_branch,
 )
