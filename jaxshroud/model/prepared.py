@@ -17,9 +17,8 @@ from jaxshroud.model.linear import StaticPosition, free_reach, static_position, 
 from jaxshroud.model.points_contact import PointsContact
 from jaxshroud.model.smooth_contact import SmoothContact
 from jaxshroud.model.spring_contact import BilinearContact, NoContact, SpringContact
-from jaxshroud.model.user_contact import UserContact
+from jaxshroud.model.user_contact import Laws
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.laws import Laws
 from jaxshroud.scene.layout import SPRUNG, ContactPart, Parts
 from jaxshroud.scene.scene import Scene
 
@@ -126,14 +125,14 @@ def _smooth_contact(scene: Scene) -> ContactLaw:
 
 
 def _own_contact(scene: Scene) -> ContactLaw:
-    if isinstance(scene.laws, Laws):
-        return UserContact(scene.k, scene.friction.k_d, scene.laws)
-    assert isinstance(scene.laws, ContactLaw)
-    return scene.laws
+    law = scene.laws
+    assert isinstance(law, ContactLaw)
+    return law.with_stiffnesses(scene.k, scene.friction.k_d) if isinstance(law, Laws) else law
 
 
 def _kind_of_own_contact(scene: Scene) -> type[ContactLaw]:
-    return type(scene.laws) if isinstance(scene.laws, ContactLaw) else UserContact
+    assert isinstance(scene.laws, ContactLaw)
+    return type(scene.laws)
 
 
 class LawOfPart(NamedTuple):
