@@ -47,7 +47,7 @@ class Trade(Result):
         return len(self.cost)
 
     def __getitem__(self, i: int) -> MeasuredSetting:
-        return MeasuredSetting(**{name: self.data[name].to_numpy()[i] for name in MeasuredSetting._fields})
+        return MeasuredSetting(**{name: self.data[name].to_numpy().tolist()[i] for name in MeasuredSetting._fields})
 
     @property
     def front(self) -> list[int]:

@@ -12,7 +12,6 @@ import jaxshroud as js
 import jaxshroud.results
 from jaxshroud.results.base import Result
 from jaxshroud.results.trade import Trade
-from jaxshroud.verbs.trade import MOST_LANES, quantile_of_lanes
 
 SCENE = js.load("table1", ['parts.motion=["x"]', 'parts.friction="none"'])
 SHORT = {"method": js.RungeKutta(steps=200)}
@@ -72,11 +71,6 @@ def test_a_trade_is_a_sequence_of_settings_with_a_front(tmp_path):
     ax = Figure().subplots()
     assert again.plot(ax, panel="P_d") is ax.figure
     assert ax.has_data()
-
-
-def test_a_settings_error_is_that_of_nearly_all_lanes():
-    errors = np.array([[1e-3] * 99 + [np.nan], [1e-3] * 50 + [np.nan] * 50])
-    assert list(quantile_of_lanes(errors, MOST_LANES)) == [1e-3, np.inf]
 
 
 def test_plain_answers_are_saved_as_json(tmp_path):

@@ -21,7 +21,7 @@ from jaxshroud.orbits import short_runs
 from jaxshroud.orbits.short_runs import HORIZON, end_states, state_errors, trajectory_ends
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.vary import vary
-from jaxshroud.verbs import plan
+from jaxshroud.verbs import plan, trade
 from jaxshroud.verbs import trials as accuracy
 from jaxshroud.verbs.asked import Choice, Setting, accuracy_level, by_series
 from jaxshroud.verbs.trade import REFERENCE_SETTING, SETTINGS, adaptive, by_setting, neighbourhood
@@ -111,6 +111,18 @@ def test_smooth_contact_is_traded_against_adaptive_solvers(table1):
         assert found.state_error < 1e-4
         assert found.P_d < 1e-3
         assert found.gradient < 1e-2
+
+
+@pytest.mark.full
+def test_a_settings_error_is_that_of_nearly_all_lanes(table1, monkeypatch):
+    # One stopped lane in forty is passed over, twenty are not.
+    errors = iter([np.array([1e-3] * 39 + [np.nan]), np.array([1e-3] * 20 + [np.nan] * 20)])
+    monkeypatch.setattr(trade, "state_errors", lambda *_: next(errors))
+    methods = [js.RungeKutta(steps=steps) for steps in (200, 400)]
+    scene = with_parts(table1, **SMALL)
+    few, many = js.trade(scene, methods=methods, lanes=40, n_periods=2, transient=2)
+    assert [few.state_error, few.state_error_median] == [1e-3, 1e-3]
+    assert [many.state_error, many.state_error_median] == [np.inf, np.inf]
 
 
 def test_a_neighbourhood_is_the_scene_and_others_near_it(table1):
