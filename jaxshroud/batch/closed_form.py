@@ -214,7 +214,7 @@ def _closed_form_samples(
 
         sizes = tuple(in_pairs(largest[..., i]) for i in range(3))
         ends = Motion(*(in_pairs(a[1:]) for a in motion))
-        times = ContactTimes(apart, *[jnp.zeros_like(apart)] * 2)
+        times = ContactTimes(apart, jnp.zeros_like(apart), jnp.zeros_like(apart))
         sample = Sample(ends, in_pairs(power), largest=sizes, moments=moments, extent=extent, means=means, times=times)
         last = State(Motion(*(a[-1] for a in motion)), state.u_s, state.mode, state.case)
         status = free_status(scene, motion, jnp.max(largest[..., 2]))

@@ -60,7 +60,7 @@ def _stuck_after_loads(scenes: Scene) -> HeldContact:
     rest, springs = loaded_equilibria(scenes), springs_of(scenes)
     stuck = rest.contact._replace(mode=np.full_like(rest.contact.mode, Mode.STICK))
     N = np.where(np.isnan(rest.q[:, :1, :1]), np.nan, rest.at.N)  # unknown where no path was found
-    return HeldContact(rest.q, *stuck, directions(springs, stuck), _least(N))
+    return HeldContact(q=rest.q, **stuck._asdict(), rigid=directions(springs, stuck), at_rest=_least(N))
 
 
 def _least(of_points: np.ndarray) -> np.ndarray:
@@ -78,7 +78,7 @@ def _contact_held_in(scenes: Scene, state: LinearState) -> HeldContact:
     )
     if state == "apart":
         q, at = position_in(scenes, springs, apart, np.zeros((shape[0], 3, layout.blades)))
-        return HeldContact(q, *apart, directions(springs, apart), _least(-at.open_v))
+        return HeldContact(q=q, **apart._asdict(), rigid=directions(springs, apart), at_rest=_least(-at.open_v))
     case, q = np.full(shape, 4, np.int32), np.zeros((shape[0], 3, layout.blades))
     if "theta" in scenes.parts.motion and not scenes.points:  # at which corners the faces touch, or whether flat
         rest = least_energy_equilibria(scenes)

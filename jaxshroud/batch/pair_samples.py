@@ -184,13 +184,21 @@ def _dense_trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choice
         fixed = Fixed(models, grids, jnp.minimum(lanes.step + left, clock.steps))
         tried, interpolants = each(lambda lane, fixed: trial_of(lane, fixed, method), lanes, fixed)
         ahead = stepper.update(lanes, tried, fixed, method, each)
-        start, whole, after = lanes.state, ahead.step - lanes.step, jax.vmap(sampled_state)(ahead, models)
-        span = lanes.search.done, tried.length, whole, ahead.search.done
         trials = DenseTrial(
-            interpolants, start.u_s, start.mode, start.case, ahead.status, *span, after, event_fired(lanes, ahead)
+            interpolant=interpolants,
+            u_s=lanes.state.u_s,
+            mode=lanes.state.mode,
+            case=lanes.state.case,
+            status=ahead.status,
+            steps_into=lanes.search.done,
+            length=tried.length,
+            whole=ahead.step - lanes.step,
+            done=ahead.search.done,
+            after=jax.vmap(sampled_state)(ahead, models),
+            fired=event_fired(lanes, ahead),
         )
         ahead = eqx.tree_at(lambda lanes: lanes.step, ahead, jnp.where(ahead.step == clock.steps, 0, ahead.step))
-        return (ahead, left - whole), trials
+        return (ahead, left - trials.whole), trials
 
     return _scan_in_columns(one, (lanes, left), DENSE_TRIALS_PER_CALL)
 

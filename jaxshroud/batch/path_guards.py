@@ -82,7 +82,11 @@ def rubbing_of(scenes: Scene) -> list[Rubbing]:
     lag = np.where(rubs, mu * k / np.where(rubs, k_d, 1.0), 0.0)
     turns = "theta" in scenes.parts.motion
     rounding = 64 * float(np.finfo(jax.dtypes.canonicalize_dtype(float)).eps)
-    return [Rubbing(*own, turns, turns and not scenes.points, rounding) for own in zip(rubs, lag, strict=True)]
+    at_corners = turns and not scenes.points
+    return [
+        Rubbing(rubs=rubs[i], lag=lag[i], turns=turns, at_corners=at_corners, rounding=rounding)
+        for i in range(len(rubs))
+    ]
 
 
 def slip_direction(mode: np.ndarray) -> FloatArray:

@@ -64,9 +64,9 @@ def _moments_of_pair(begin: Admitted, schedule: Schedule) -> SampledMoments:
 def _moment_at(t: Scalar, turns: Scalar, state: State, stopped: Bool[Array, ""], model: Model) -> Moment:
     carried = carried_state(state, model)
     forces = contact_forces(drive_waves(*sincos_turns(turns), model.drive), carried, model)
-    of_contact = filled((forces.N, forces.F, forces.v, forces.u), forces.v)
+    of_contact = filled({name: getattr(forces, name) for name in "NFvu"}, forces.v)
     # of the motion in any mode, so that the NaN of a stopped lane reaches all numbers in reverse mode
-    return Moment(t, state, *(jnp.where(stopped, state.motion.x[0], a) for a in of_contact))
+    return Moment(t, state, **{name: jnp.where(stopped, state.motion.x[0], a) for name, a in of_contact.items()})
 
 
 def _chunk_of_pairs(scenes: Scene, states: State, plan: SweepPlan) -> LaneOutcomes:

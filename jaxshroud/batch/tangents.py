@@ -163,9 +163,18 @@ class TangentProblem(NamedTuple):
         """The tangents from the flow of its lanes."""
         (value, slope), end = flows, jax.tree.map(lambda a: a[0], end_as_start(flows).value)
         by, count = to_vector(slope.state), self.by_start
-        power, power_by = value.power[0], np.ascontiguousarray(slope.power.T)
-        parts = by[:count].T, power_by[:, :count], by[count:].T, power_by[:, count:]
-        found, more = Tangents(end, to_vector(end), power, int(value.status[0]), *parts), {}
+        power_by = np.ascontiguousarray(slope.power.T)
+        found = Tangents(
+            end=end,
+            vector=to_vector(end),
+            power=value.power[0],
+            status=int(value.status[0]),
+            by_state=by[:count].T,
+            power_by_state=power_by[:, :count],
+            by_parameter=by[count:].T,
+            power_by_parameter=power_by[:, count:],
+        )
+        more = {}
         for name, array in (("moments", _moments_array), ("means", _means_array)):
             if getattr(value, name) is not None:
                 a, a_by = (array(getattr(flow, name)) for flow in flows)

@@ -174,7 +174,7 @@ class Computation:
         self.announce(call)
         with progress_bar(command.unit) as report, input_errors_at(file.name):
             result = self.run(call, report)
-        self.output(CompletedCall(*call, result, start))
+        self.output(CompletedCall(**call._asdict(), result=result, start=start))
 
     def _with_method(self, call: VerbCall) -> VerbCall:
         if self.usual is None:

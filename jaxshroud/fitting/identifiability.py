@@ -134,7 +134,8 @@ class ProfiledNumber(NamedTuple):
         is_wide, is_curved = self.half > WIDE_INTERVAL, self.departure > CURVED
         if is_wide or self.confounded or at_bound or first_open or last_open or is_curved:
             return NumberInterval(first, last, "profile", (first_open, last_open))
-        return NumberInterval(*self.linear, "jacobian")
+        low, high = self.linear
+        return NumberInterval(low=low, high=high, by="jacobian")
 
 
 def _unprofiled(found: Estimate, i: int) -> ProfiledNumber:

@@ -311,7 +311,19 @@ def check_says_something(points: Points) -> None:
 def estimate_at(misfit: Misfit, minima: list[Minimum], alike: int = 1, searches: int = 1) -> Estimate:
     """The estimate at the first of some minima."""
     u, chi2 = minima[0]
-    return Estimate(u, chi2, misfit.data.values.size - len(u), misfit, *misfit.at(u), minima, alike, searches)
+    there = misfit.at(u)
+    return Estimate(
+        u=u,
+        chi2=chi2,
+        freedom=misfit.data.values.size - len(u),
+        misfit=misfit,
+        residuals=there.values,
+        jacobian=there.jacobian,
+        known=there.known,
+        minima=minima,
+        alike=alike,
+        searches=searches,
+    )
 
 
 def _reweighted(misfit: Misfit, best: Minimum) -> tuple[Misfit, Minimum]:

@@ -68,8 +68,9 @@ class LumpedBlade(eqx.Module):
 
     def inverse_masses(self, parts: Parts) -> InverseMasses:
         """What multiplies forces to accelerations: the reciprocal masses of the blades of a row."""
-        masses = (("y", self.inertia_y), ("theta", self.I))
-        return InverseMasses(1 / self.m, *(1 / mass if parts.has(name, 0) else ZERO for name, mass in masses))
+        y = 1 / self.inertia_y if parts.has("y", 0) else ZERO
+        theta = 1 / self.I if parts.has("theta", 0) else ZERO
+        return InverseMasses(1 / self.m, y, theta)
 
     def shroud(self, z: Motion) -> Motion:
         """The motion of the shroud."""

@@ -114,7 +114,18 @@ def orbit_gradient(orbit: PeriodicOrbit, wrt: Sequence[str], of: Quantity = "P_d
     slope = np.asarray(slope, float)
     zeros = np.zeros(len(wrt))
     flags = (*orbit.flags, *flags)
-    return PowerGradient("periodic", slope, zeros, level, 0.0, orbit, orbit.conditioning, 0.0, flags, *both)
+    return PowerGradient(
+        kind="periodic",
+        value=slope,
+        ci=zeros,
+        level=level,
+        level_ci=0.0,
+        orbit=orbit,
+        conditioning=orbit.conditioning,
+        sigma=0.0,
+        flags=flags,
+        **both._asdict(),
+    )
 
 
 def _power_slope(

@@ -114,8 +114,8 @@ def lyapunov_exponents(
             forgotten = max(int(_are_sliders_set(scene, end)[~stuck].sum()) for end in (before, state))
             grown = [_without_forgotten(rates, forgotten, moving, scene.parts.contact == "spring") for rates in grown]
         growth += [np.append(rates, np.zeros(int(stuck.sum()))) for rates in grown]
-    mean = mean_exponents(np.array(growth).reshape(-1, len(places.all)))
-    return Exponents(*mean, bool(stuck.any()), int(status), state)
+    exponents, ci, rates = mean_exponents(np.array(growth).reshape(-1, len(places.all)))
+    return Exponents(exponents=exponents, ci=ci, growth=rates, stuck=bool(stuck.any()), status=int(status), last=state)
 
 
 def _sliders_in(state: State, mode: Mode) -> np.ndarray:

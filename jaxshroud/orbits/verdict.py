@@ -77,7 +77,7 @@ def verdicts(
         chosen = jax.tree.map(lambda a, lanes=lanes: np.asarray(a)[lanes], scenes)
         evidence = gather_evidence(chosen, states, status[lanes], first, lengths, aim, tick)
         first += lengths.all
-        new = [Verdict(*judgement(e, last), e, first) for e in evidence]
+        new = [_verdict(e, first, last) for e in evidence]
         results |= dict(zip(open_lanes.tolist(), new, strict=True))
         unclear = [i for i, v in enumerate(new) if v.kind in ("transient not over", "undecided")]
         if not unclear:
@@ -102,7 +102,12 @@ def _verdicts_with_copies(
         (results[i].evidence._replace(settled=outcome), results[i].periods)
         for i, outcome in zip(lanes, copies, strict=True)
     ]
-    return {i: Verdict(*judgement(e), e, n) for i, (e, n) in zip(lanes, evidence, strict=True)}
+    return {i: _verdict(e, n) for i, (e, n) in zip(lanes, evidence, strict=True)}
+
+
+def _verdict(e: Evidence, periods: int, last: bool = True) -> Verdict:
+    kind, q = judgement(e, last)
+    return Verdict(kind=kind, q=q, evidence=e, periods=periods)
 
 
 def judgement(e: Evidence, last: bool = True) -> tuple[MotionKind, int]:

@@ -1,6 +1,7 @@
 """Pictures of accuracy against cost."""
 
 from functools import partial
+from typing import Any
 
 import pandas as pd
 from matplotlib.axes import Axes
@@ -38,15 +39,23 @@ def trade_page(data: Summary, appearance: Appearance) -> Page[Summary]:
 
 def _draw_error(panel: Axes, data: Summary, name: str) -> None:
     """One kind of error of all settings against their cost: a colour for each method, marks for each variant."""
-    table = pd.DataFrame(data["settings"]).astype({name: float})
+    table: Any = pd.DataFrame(data["settings"]).astype({name: float})
     cost = table["cost"] * 1e6
     error = table[name].where((table[name] > 0) | (name == "period"))
     colours: dict[str, str] = {}
     for kind in table["kind"].unique():
         rows = table["kind"] == kind
         method, _, variant = kind.partition(", ")
-        color = colours.setdefault(method, COLOURS[len(colours) % len(COLOURS)])
-        panel.plot(cost[rows], error[rows], VARIANTS.get(variant, "o-"), color=color, label=kind, ms=3, mew=0, lw=0.8)
+        panel.plot(
+            cost[rows],
+            error[rows],
+            VARIANTS.get(variant, "o-"),
+            color=colours.setdefault(method, COLOURS[len(colours) % len(COLOURS)]),
+            label=kind,
+            ms=3,
+            mew=0,
+            lw=0.8,
+        )
     panel.set(xscale="log", xlabel="µs per lane and period", ylabel=ERRORS[name].format(data["horizon"]))
     if error.isna().all():
         panel.text(0.5, 0.5, "nothing to compare", ha="center", transform=panel.transAxes)

@@ -181,8 +181,16 @@ class Orbit(WithAmplitudes, Result):
         lanes = np.shape(self.q)
         modes = self.end_mode if self.end_point_mode is None else self.end_point_mode
         end = from_vector(self.end, modes, self.end_case, self.scene.layout, self.scene.points)
-        by_numbers = (np.empty((*lanes, self.data.sizes[name], 0)) for name in ("component", "blade"))
-        return Tangents(end, self.end, self.mean_square, self.status, self.M, self.power_by_start, *by_numbers)
+        return Tangents(
+            end=end,
+            vector=self.end,
+            power=self.mean_square,
+            status=self.status,
+            by_state=self.M,
+            power_by_state=self.power_by_start,
+            by_parameter=np.empty((*lanes, self.data.sizes["component"], 0)),
+            power_by_parameter=np.empty((*lanes, self.data.sizes["blade"], 0)),
+        )
 
     @property
     def found(self) -> bool | np.ndarray:

@@ -67,10 +67,10 @@ class Trade(Result):
 
     def summary(self) -> dict[str, JSONValue]:
         """The settings in plain numbers, as `trade.json` holds them."""
-        settings = [{**one._asdict(), "front": i in self.front} for i, one in enumerate(self)]
+        settings = [{**self[i]._asdict(), "front": i in self.front} for i in range(len(self))]
         return json_values({"settings": settings, "horizon": self.horizon, **self.origin})
 
-    def _picture_content(self) -> dict[str, object]:
+    def _picture_content(self) -> object:
         return self.summary()
 
     def __repr__(self) -> str:

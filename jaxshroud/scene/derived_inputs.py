@@ -108,9 +108,20 @@ def _modal_inputs(name: str, mass: str) -> tuple[DerivedInput, DerivedInput]:
     )
 
 
-def _derived_input(keys: list[str], number: str, needs: list[str], *formulas: Callable[..., Any]) -> DerivedInput:
-    rows = (tuple(ALL_KEYS[name] for name in names) for names in (keys, needs))
-    return DerivedInput(next(rows), KEYS[number], next(rows), *formulas)
+def _derived_input(
+    keys: list[str],
+    number: str,
+    needs: list[str],
+    formula: Callable[..., Any],
+    inverse: Callable[..., Any] | None = None,
+) -> DerivedInput:
+    return DerivedInput(
+        keys=tuple(ALL_KEYS[name] for name in keys),
+        number=KEYS[number],
+        needs=tuple(ALL_KEYS[name] for name in needs),
+        formula=formula,
+        inverse=inverse,
+    )
 
 
 DERIVED_INPUTS = (  # in the order of their evaluation

@@ -1,5 +1,7 @@
 """A scene with other parts, or with a law of contact of one's own."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
@@ -51,6 +53,4 @@ def with_contact_law(scene: Scene, law: SceneLaw) -> Scene:
 
 
 def _with_contact(scene: Scene, contact: Contact, parts: Parts, laws: SceneLaw | None = None) -> Scene:
-    s = scene
-    of_row = s.given, s.row, s.coupling, s.aero, s.start
-    return Scene(s.blades, s.shroud, contact, s.friction, s.drive, s.initial, parts, laws, *of_row)
+    return replace(scene, contact=contact, parts=parts, laws=laws)

@@ -119,8 +119,16 @@ def _summaries(
     summaries = []
     for i in range(len(series)):
         lane_orbit, lane_reduction, more = jax.tree.map(lambda a, i=i: a[i], (orbit, reduction, kept))
-        flags = int(status[i]), bool(was[i])
-        run = _LaneRun(lane_orbit, lane_reduction, P_0[i], series[i], float(residual[i]), *flags, more)
+        run = _LaneRun(
+            orbit=lane_orbit,
+            reduction=lane_reduction,
+            P_0=P_0[i],
+            series=series[i],
+            residual=float(residual[i]),
+            status=int(status[i]),
+            was_converged=bool(was[i]),
+            more=more,
+        )
         summaries.append(_lane_summary(run, tolerance))
     return summaries
 

@@ -234,9 +234,19 @@ def report(
     provenance, _ = resolved.provenance(resolved.transient, march.steps)
     title = str(provenance.get("title") or "A design").partition(":")[0]
     sections = sections_of(data, verdict, reasons, str(provenance["scene"]), command)
-    results = data.runs.lane(data.worst), data.over_gap, data.spread, data.slopes
-    motions = data.motions[data.worst], tuple(data.motions)
-    return Report(title, verdict, reasons, *results, *motions, sections, data.findings.diagnosis)
+    return Report(
+        title=title,
+        verdict=verdict,
+        reasons=reasons,
+        run=data.runs.lane(data.worst),
+        over_gap=data.over_gap,
+        scatter=data.spread,
+        gradient=data.slopes,
+        attractors=data.motions[data.worst],
+        coexisting=tuple(data.motions),
+        sections=sections,
+        diagnosis=data.findings.diagnosis,
+    )
 
 
 def _reduction_of(tuned: Tuned | None, design: Scene) -> RequiredReduction:

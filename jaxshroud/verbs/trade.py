@@ -100,7 +100,7 @@ SETTINGS = {
         *(by_setting(Setting("rk4", "none", "float64", product)) for product in PRODUCTS),
         *(
             smooth
-            for width in (1 / 4, 1 / 16, 1 / 64)
+            for width in (0.25, 0.0625, 0.015625)
             for smooth in (by_setting(Setting("rk4", "cubic", "float64", 1.0, width)), adaptive("Tsit5", 1e-4, width))
         ),
     ],
