@@ -40,7 +40,7 @@ LANE_SCATTER = 0.05  # relative, of the lanes around a scene
 SCATTERED_KEYS = ("contact.gamma", "shroud.gap", "drive.F_0[0]", "drive.F_0[1]", "drive.omega", "friction.mu")
 
 
-class Candidate(NamedTuple):
+class Measurable(NamedTuple):
     """A method with all that it needs to march lanes (leading axis) from the initial states of their scenes."""
 
     setting: str
@@ -51,9 +51,9 @@ class Candidate(NamedTuple):
     width: float = 0.0  # as in `Setting`
 
 
-def by_setting(one: Setting) -> Candidate:
+def by_setting(one: Setting) -> Measurable:
     """A setting of those from which an accuracy chooses."""
-    return Candidate(
+    return Measurable(
         setting=str(one),
         kind=one.kind,
         options=lambda scenes: (one.steps(*stiffest(scenes, 1)), one.method),
@@ -61,20 +61,20 @@ def by_setting(one: Setting) -> Candidate:
     )
 
 
-def by_method(one: Method) -> Candidate:
+def by_method(one: Method) -> Measurable:
     """A method with its own steps."""
     method = choices(one)
-    return Candidate(
+    return Measurable(
         setting=str(one),
         kind=str(method),
         options=lambda scenes: (steps_for(scenes, 1, one.steps or "auto", method.tableau), method),
     )
 
 
-def adaptive(solver: str, rtol: float, width: float = 0.0) -> Candidate:
+def adaptive(solver: str, rtol: float, width: float = 0.0) -> Measurable:
     """A solver of diffrax with its tolerance, see `adaptive_samples`."""
     kind = f"diffrax {solver}{', smooth' if width else ''}"
-    return Candidate(
+    return Measurable(
         setting=f"{kind}{f', width {width:.3g}' if width else ''}, rtol {rtol:.0e}",
         kind=kind,
         options=lambda _: (solver, rtol),
@@ -86,7 +86,7 @@ def adaptive(solver: str, rtol: float, width: float = 0.0) -> Candidate:
 
 REFERENCE_SETTING = Setting("dopri8", "cubic", "float64", 0.15)
 PRODUCTS = (2.0, 1.0, 0.5, 0.25)  # omega_max h
-RUNGE_KUTTA = [
+RUNGE_KUTTA_SETTINGS = [
     by_setting(Setting(tableau, "cubic", precision, product))
     for tableau in ("rk4", "tsit5", "dopri8")
     for precision in ("float64", "float32")
@@ -95,7 +95,7 @@ RUNGE_KUTTA = [
 ADAPTIVE = [adaptive(solver, rtol) for solver in ("Tsit5", "Dopri8") for rtol in (1e-3, 1e-6)]
 SETTINGS = {
     "spring": [
-        *RUNGE_KUTTA,
+        *RUNGE_KUTTA_SETTINGS,
         *(by_setting(by_series(14, 10.0**-digits)) for digits in (5, 8, 12)),
         *(by_setting(Setting("rk4", "none", "float64", product)) for product in PRODUCTS),
         *(
@@ -104,8 +104,8 @@ SETTINGS = {
             for smooth in (by_setting(Setting("rk4", "cubic", "float64", 1.0, width)), adaptive("Tsit5", 1e-4, width))
         ),
     ],
-    "smooth": [*RUNGE_KUTTA, *ADAPTIVE],
-    "none": [Candidate(setting="closed form", kind="closed form", options=lambda _: (1, FAST)), *ADAPTIVE],
+    "smooth": [*RUNGE_KUTTA_SETTINGS, *ADAPTIVE],
+    "none": [Measurable(setting="closed form", kind="closed form", options=lambda _: (1, FAST)), *ADAPTIVE],
 }
 
 
@@ -124,7 +124,7 @@ def neighbourhood(scene: Scene, lanes: int, seed: int = 0) -> Scene:
 def trade(
     scene: Scene | SceneFile,
     *,
-    methods: Sequence[Method | Candidate] | None = None,
+    methods: Sequence[Method | Measurable] | None = None,
     lanes: int = 64,
     seed: int = 0,
     n_periods: int = 64,
@@ -166,7 +166,7 @@ def trade(
     if ways is None:
         raise InputError(f"`trade` has no reference for {scene.parts.contact} contact; compare powers by js.power.")
     if methods is not None:
-        ways = [one if isinstance(one, Candidate) else by_method(one) for one in methods]
+        ways = [one if isinstance(one, Measurable) else by_method(one) for one in methods]
     scenes = neighbourhood(scene, lanes, seed)
     exact = _outcome(scenes, by_setting(REFERENCE_SETTING), transient, n_periods)
     outcomes = []
@@ -205,7 +205,7 @@ class _Outcome(NamedTuple):
     slope: np.ndarray
 
 
-def _outcome(scenes: Scene, way: Candidate, transient: int, kept: int) -> _Outcome:
+def _outcome(scenes: Scene, way: Measurable, transient: int, kept: int) -> _Outcome:
     marched = softened(scenes, way.width)
     options = way.options(marched)
     run = partial(way.run, marched, transient + kept, *options)
