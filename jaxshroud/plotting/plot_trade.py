@@ -39,9 +39,10 @@ def trade_page(data: Summary, appearance: Appearance) -> Page[Summary]:
 
 def _draw_error(panel: Axes, data: Summary, name: str) -> None:
     """One kind of error of all settings against their cost: a colour for each method, marks for each variant."""
-    table: Any = pd.DataFrame(data["settings"]).astype({name: float})
+    table: Any = pd.DataFrame(data["settings"])
     cost = table["cost"] * 1e6
-    error = table[name].where((table[name] > 0) | (name == "period"))
+    error = table[name].astype(float)
+    error = error.where((error > 0) | (name == "period"))
     colours: dict[str, str] = {}
     for kind in table["kind"].unique():
         rows = table["kind"] == kind
