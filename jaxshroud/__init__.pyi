@@ -14,6 +14,7 @@ from .march.tableau import tableau as tableau
 from .model.modes import Mode as Mode
 from .model.modes import Status as Status
 from .model.prepared import State as State
+from .model.user_contact import Laws as Laws
 from .model.user_contact import check_laws as check_laws
 from .results.attractors import Attractors as Attractors
 from .results.attractors import Basins as Basins
@@ -54,12 +55,10 @@ from .scene.grids import stack_scenes as stack_scenes
 from .scene.keys import Motion as Motion
 from .scene.laws import DampedSpring as DampedSpring
 from .scene.laws import Hertz as Hertz
-from .scene.laws import Laws as Laws
 from .scene.laws import LuGre as LuGre
 from .scene.laws import RegularisedCoulomb as RegularisedCoulomb
 from .scene.layout import Parts as Parts
 from .scene.other_parts import with_contact_law as with_contact_law
-from .scene.other_parts import with_laws as with_laws
 from .scene.points import ContactPoints as ContactPoints
 from .scene.scene import Contact as Contact
 from .scene.scene import Friction as Friction

@@ -199,7 +199,7 @@ def _dense_trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choice
             fired=event_fired(lanes, ahead),
         )
         ahead = eqx.tree_at(lambda lanes: lanes.step, ahead, jnp.where(ahead.step == clock.steps, 0, ahead.step))
-        return (ahead, left - whole), trials
+        return (ahead, left - trials.whole), trials
 
     return _scan_in_columns(one, (lanes, left), DENSE_TRIALS_PER_CALL)
 

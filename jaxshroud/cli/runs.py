@@ -136,7 +136,13 @@ def _cheapest_cells(trade: Any, level: float) -> tuple[str, ...]:
     best = trade.cheapest(level)
     if best is None:
         return ("none reaches it", "", "", "", "")
-    return (best.setting, f"{best.steps:g}", f"{best.cost * 1e6:.3g}", f"{best.error:.1e}", f"{best.P_d:.1e}")
+    return (
+        best.setting,
+        f"{best.steps_per_period:g}",
+        f"{best.cost * 1e6:.3g}",
+        f"{best.state_error:.1e}",
+        f"{best.P_d:.1e}",
+    )
 
 
 simulate_command = Computation(

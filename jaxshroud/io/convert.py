@@ -112,8 +112,7 @@ def csv_text(data: "xr.Dataset", rows: Rows | None = None) -> str:
             columns |= {head: column.variable for head, column in columns_by_place(str(name), variable)}
     coords = {name: data.coords[name].variable for name in data.coords if set(data.coords[name].dims) <= set(dims)}
     if not dims:
-        lines = [*columns], [column.item() for column in columns.values()]
-        return "\n".join(",".join(map(str, line)) for line in lines) + "\n"
+        return xr.Dataset(columns).expand_dims("row").to_dataframe().to_csv(index=False, na_rep="nan")
     frame = xr.Dataset(columns, coords).to_dataframe(dim_order=list(dims))
     frame.index.names = [
         column_head(str(name), None, data[name]) if name in data else name for name in frame.index.names

@@ -63,7 +63,7 @@ def middle_load(at: FaceKinematics, N: Scalar, F: Scalar, couple: Scalar) -> Loa
     (l_x, r_x), (l_y, r_y), (e_x, e_y) = at.corner, at.corner_y, at.offset
     R = -N * n_x - F * t_x, -N * n_y - F * t_y
     left, right = (l_x - e_x / 2, l_y - e_y / 2), (r_x + e_x / 2, r_y + e_y / 2)
-    return Load(*R, (_cross_product(left, R) - couple, couple - _cross_product(right, R)))
+    return Load(R[0], R[1], (_cross_product(left, R) - couple, couple - _cross_product(right, R)))
 
 
 def sprung_load(at: ContactKinematics, k: Scalar, N: Scalar, F: Scalar, case: Case, block: Corners) -> Load:

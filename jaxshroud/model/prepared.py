@@ -17,9 +17,8 @@ from jaxshroud.model.linear import StaticPosition, free_reach, static_position, 
 from jaxshroud.model.points_contact import PointsContact
 from jaxshroud.model.smooth_contact import SmoothContact
 from jaxshroud.model.spring_contact import BilinearContact, NoContact, SpringContact
-from jaxshroud.model.user_contact import UserContact
+from jaxshroud.model.user_contact import Laws
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.laws import Laws
 from jaxshroud.scene.layout import SPRUNG, ContactPart, Parts
 from jaxshroud.scene.scene import Scene
 
@@ -100,15 +99,14 @@ def _spring_contact(scene: Scene) -> ContactLaw:
         shares = tuple(points.shares[m] for m in range(points.number))
         element = _friction_element(k, scene) if rubs else None
         return PointsContact(tuple(_spring_of_share(share, k, element) for share in shares), shares)
-    return BilinearContact(k, *_friction_element(k, scene)) if rubs else SpringContact(k)
+    return BilinearContact(k, **_friction_element(k, scene)) if rubs else SpringContact(k)
 
 
-def _spring_of_share(share: Scalar, k: Scalar, element: tuple[Scalar, Scalar, Scalar] | None) -> ContactLaw:
+def _spring_of_share(share: Scalar, k: Scalar, element: dict[str, Scalar] | None) -> ContactLaw:
     """The law of a point with a share of the stiffnesses; the lag is that of the whole."""
     if element is None:
         return SpringContact(share * k)
-    k_d, mu, lag = element
-    return BilinearContact(share * k, share * k_d, mu, lag)
+    return BilinearContact(share * k, **element | {"k_d": share * element["k_d"]})
 
 
 def _kind_of_spring_contact(scene: Scene) -> type[ContactLaw]:
@@ -118,22 +116,23 @@ def _kind_of_spring_contact(scene: Scene) -> type[ContactLaw]:
 
 
 def _smooth_contact(scene: Scene) -> ContactLaw:
-    k, width, element = scene.k, scene.contact.width, (ZERO, ZERO, ZERO)
+    k, width = scene.k, scene.contact.width
     assert width is not None  # which scenes with smooth contact have
     haste = _free_speed(scene) / width
-    element = element if scene.parts.friction == "none" else _friction_element(k, scene)
-    return SmoothContact(k, *element, width, haste)
+    no_friction = {"k_d": ZERO, "mu": ZERO, "lag": ZERO}
+    element = no_friction if scene.parts.friction == "none" else _friction_element(k, scene)
+    return SmoothContact(k=k, **element, width=width, haste=haste)
 
 
 def _own_contact(scene: Scene) -> ContactLaw:
-    if isinstance(scene.laws, Laws):
-        return UserContact(scene.k, scene.friction.k_d, scene.laws)
-    assert isinstance(scene.laws, ContactLaw)
-    return scene.laws
+    law = scene.laws
+    assert isinstance(law, ContactLaw)
+    return law.with_stiffnesses(scene.k, scene.friction.k_d) if isinstance(law, Laws) else law
 
 
 def _kind_of_own_contact(scene: Scene) -> type[ContactLaw]:
-    return type(scene.laws) if isinstance(scene.laws, ContactLaw) else UserContact
+    assert isinstance(scene.laws, ContactLaw)
+    return type(scene.laws)
 
 
 class LawOfPart(NamedTuple):
@@ -161,12 +160,12 @@ def law_type(scene: Scene) -> type[ContactLaw]:
     return LAWS[scene.parts.contact].kind(scene)
 
 
-def _friction_element(k: Scalar, scene: Scene) -> tuple[Scalar, Scalar, Scalar]:
+def _friction_element(k: Scalar, scene: Scene) -> dict[str, Scalar]:
     """The stiffness k_d, mu and the lag of the friction element, guarded against 0/0."""
     k_d, mu = scene.friction.k_d, scene.friction.mu
     has_friction = (k > 0) & (k_d > 0) & (mu > 0)
     lag = mu * k / jnp.where(has_friction, k_d, 1.0)
-    return k_d, jnp.where(has_friction, mu, 0.0), jnp.where(has_friction, lag, 0.0)
+    return {"k_d": k_d, "mu": jnp.where(has_friction, mu, 0.0), "lag": jnp.where(has_friction, lag, 0.0)}
 
 
 def _free_speed(scene: Scene) -> Scalar:

@@ -23,7 +23,6 @@ from jaxshroud.model.prepared import State, law_type
 from jaxshroud.orbits.batched_algorithms import Algorithm, Derivatives, Periods
 from jaxshroud.orbits.orbit import free_sliders
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.laws import Laws
 from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene
 from jaxshroud.signals.statistics import confidence_interval
@@ -68,8 +67,8 @@ def state_places(scene: Scene) -> StatePlaces:
     places = np.arange(6 * blades).reshape(2, len(COORDINATES), blades)
     moves = [[parts.has(name, blade) for blade in range(blades)] for name in COORDINATES]
     law = law_type(scene)
-    if isinstance(scene.laws, Laws):
-        rubs = scene.laws.friction is not None
+    if scene.laws is not None:
+        rubs = scene.laws.has_friction
     else:
         rubs = law.has_stick or ((law.flows or law.has_points) and parts.friction == "bilinear")
     return StatePlaces(places[:, np.array(moves)].ravel(), 6 * blades + np.arange(scene.sliders if rubs else 0))

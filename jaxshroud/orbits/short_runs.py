@@ -14,7 +14,7 @@ from jaxtyping import Array, Int
 
 from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.flows import as_differentiable
-from jaxshroud.batch.periods import Sample
+from jaxshroud.batch.periods import Sample, pair_sample
 from jaxshroud.batch.plan import Plan, Tick
 from jaxshroud.batch.runs import run_lanes, trajectories
 from jaxshroud.batch.sampling import SampleGrid
@@ -40,8 +40,7 @@ MovingState = tuple[Motion, Array | Symbolic]  # motion and slider, with or with
 class ShortRuns(NamedTuple):
     """The runs of lanes by some method."""
 
-    samples: Sample  # (lanes, periods)
-    status: np.ndarray  # (lanes,)
+    samples: Sample  # (lanes, periods); NaN where a lane has stopped
     steps: int  # per period, on average
 
 
@@ -49,15 +48,15 @@ def run_from_start(scenes: Scene, periods: int, steps: int, method: Choices) -> 
     """March lanes (leading axis) from the initial states of their scenes."""
     scenes = in_precision(scenes, method.precision)
     runs = run_lanes(scenes, initial_states(scenes), Plan(0, periods, steps, 0.0, method), lambda _: None)
-    return ShortRuns(runs.samples, np.asarray(runs.last.status), steps)
+    return ShortRuns(runs.samples, steps)
 
 
-def gap_slopes(scenes: Scene, steps: int, method: Choices) -> np.ndarray | None:
-    """The derivative of each lane's power over the horizon with respect to the gap; None if the method has none."""
-    if method.locate == "none" or method.precision == "float32":
-        return None
+def gap_slopes(scenes: Scene, periods: int, steps: int, method: Choices) -> np.ndarray:
+    """The derivative of each lane's mean power with respect to the gap, (lanes,); NaN where there is none."""
+    if method.locate == "none" or method.precision == "float32" or scenes.parts.contact == "none":
+        return np.full(len(scenes.drive.omega), np.nan)
     dual = Dual(without_given(scenes), direction(scenes, "shroud.gap"))
-    flow = run_flow(dual, without_direction(initial_states(scenes)), HORIZON, steps, as_differentiable(method))
+    flow = run_flow(dual, without_direction(initial_states(scenes)), periods, steps, as_differentiable(method))
     return flow.tangent.power[:, 0]
 
 
@@ -143,6 +142,12 @@ def adaptive_samples(
         moving, sample, steps = _one_period(scenes, moving, rtol, solver)
         blocks.append((sample, steps))
     return jax.tree.map(lambda *a: jnp.stack(a, axis=1), *blocks)
+
+
+def adaptive_runs(scenes: Scene, periods: int, solver: str, rtol: float) -> ShortRuns:
+    """Runs of lanes by an adaptive solver; see `adaptive_samples`."""
+    samples, steps = adaptive_samples(scenes, periods, solver, rtol)
+    return ShortRuns(pair_sample(samples), round(float(np.asarray(steps).mean())))
 
 
 def adaptive_gap_slopes(scenes: Scene, periods: int, solver: str, rtol: float) -> np.ndarray:

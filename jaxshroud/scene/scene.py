@@ -166,7 +166,7 @@ class Scene(eqx.Module):
     drive: Drive
     initial: Motion = eqx.field(converter=_motion_per_blade, default=AT_REST)
     parts: Parts = eqx.field(static=True, default=Parts())
-    laws: SceneLaw | None = None  # user laws of contact and friction, or a law of contact of one's own
+    laws: SceneLaw | None = None  # a law of contact of one's own
     given: dict[str, Any] = eqx.field(converter=_given, default_factory=dict)  # inputs by their keys
     row: Row | None = None  # None: the pair
     coupling: Coupling = Coupling()  # between neighbours
@@ -180,7 +180,7 @@ class Scene(eqx.Module):
         for name, kind in kinds.items():
             type_argument(name, getattr(self, name), kind, f"that of another scene, scene.{name}")
         if (self.parts.contact == "own") != (self.laws is not None):
-            raise InputError("Own laws of contact are given in Python, by js.with_laws; no file can name them.")
+            raise InputError("Own laws of contact are given in Python, by js.with_contact_law; no file can name them.")
         if (self.parts.contact == "smooth") != (self.contact.width is not None):
             raise InputError("A `width` must be given for smooth contact, and only for that.")
         if self.parts.contact == "smooth" and self.contact.reading:

@@ -7,9 +7,7 @@ import numpy as np
 
 from jaxshroud.march.method import FLAT_RETURN, Choices, Method, StepCount, method_as_json, method_of
 from jaxshroud.march.method_names import Locate
-from jaxshroud.march.stability import stiffest
 from jaxshroud.march.tableau import MIN_STEPS, TaylorOptions, tableau
-from jaxshroud.orbits.short_runs import ShortRuns, gap_slopes, run_from_start, softened
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.scene import Scene
 
@@ -83,16 +81,6 @@ class Setting(NamedTuple):
         """The steps per period for a scene with that largest frequency."""
         least = MIN_SERIES_STEPS if self.order else MIN_STEPS
         return max(int(np.ceil(omega_max * period / self.product)), least)
-
-    def run(self, scenes: Scene, periods: int) -> ShortRuns:
-        """March lanes (leading axis) from the initial states of their scenes."""
-        scenes = softened(scenes, self.width)
-        return run_from_start(scenes, periods, self.steps(*stiffest(scenes, 1)), self.method)
-
-    def slopes(self, scenes: Scene) -> np.ndarray | None:
-        """The derivative of each lane's power over the horizon with respect to the gap; None if there is none."""
-        scenes = softened(scenes, self.width)
-        return gap_slopes(scenes, self.steps(*stiffest(scenes, 1)), self.method)
 
     def __str__(self) -> str:
         if self.order:

@@ -14,9 +14,7 @@ from jaxshroud.model.natural_modes import (
     drive_shares,
     natural_modes,
 )
-from jaxshroud.model.prepared import law_type
 from jaxshroud.results.data_sheet import FlowMode, NaturalMode
-from jaxshroud.scene.laws import Laws
 from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
@@ -78,10 +76,8 @@ def contacts_of(scene: Scene, k: np.ndarray) -> list[NaturalContact]:
 
 
 def _has_friction(scene: Scene) -> bool:
-    if isinstance(scene.laws, Laws):
-        return scene.laws.friction is not None
     if scene.laws is not None:
-        return law_type(scene).has_stick
+        return scene.laws.has_friction
     return scene.parts.friction != "none" and bool(np.any((scene.friction.mu > 0) & (scene.friction.k_d > 0)))
 
 

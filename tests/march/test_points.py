@@ -166,7 +166,7 @@ def test_what_does_not_know_points_refuses_them_by_name():
     with pytest.warns(js.AccuracyWarning, match="not examined for faces of several points"):
         js.simulate(file, n_periods=1, method="balanced")
     with pytest.raises(js.InputError, match="do not know contact points"):
-        js.with_laws(file.scene, js.Hertz(1e7))
+        js.with_contact_law(file.scene, js.Laws(js.Hertz(1e7)))
 
 
 KEYS = ("contact.gamma", "friction.k_d", "friction.mu", "shroud.gap", "shroud.l_ab", "drive.M_0")

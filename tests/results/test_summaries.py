@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 import jaxshroud as js
 import jaxshroud.results
 from jaxshroud.results.base import Result
-from jaxshroud.results.trade import MeasuredSetting, Trade
+from jaxshroud.results.trade import Trade
 
 SCENE = js.load("table1", ['parts.motion=["x"]', 'parts.friction="none"'])
 SHORT = {"method": js.RungeKutta(steps=200)}
@@ -21,10 +21,6 @@ VERBS = {
     "power": lambda: js.power(SCENE, n_periods=64, transient=8, **SHORT),
     "lanes": lambda: js.simulate(js.scenes_from({"contact.gamma": [1.0, 2.0]}, SCENE), n_periods=2, **SHORT),
 }
-
-
-def setting(name, cost, error):
-    return MeasuredSetting(name, name, 100, cost, np.full(4, error), 0.1, 0.2, 1.0, np.nan)
 
 
 @pytest.mark.full(but=["power", "trajectory"])
@@ -54,8 +50,12 @@ def test_all_kinds_have_what_results_have():
 
 
 def test_a_trade_is_a_sequence_of_settings_with_a_front(tmp_path):
-    ways = setting("coarse", 1.0, 1e-2), setting("beaten", 2.0, 1e-1), setting("fine", 3.0, 1e-6)
-    trade = Trade.of_settings(ways, 4, {"title": "a trade"})
+    names = ["coarse", "beaten", "fine"]
+    alike = {"steps_per_period": 100, "P_d": 0.1, "ci": 0.2, "period": 1.0, "gradient": np.nan}
+    values = {name: np.full(3, value) for name, value in alike.items()}
+    values |= {"kind": np.array(names), "cost": np.array([1.0, 2.0, 3.0]), "horizon": 4}
+    values |= dict.fromkeys(("state_error", "state_error_median"), np.array([1e-2, 1e-1, 1e-6]))
+    trade = Trade.from_values(values, lanes=("setting",), coords={"setting": names}, attrs={"title": "a trade"})
     assert [one.setting for one in trade] == ["coarse", "beaten", "fine"]
     assert trade.front == [0, 2]
     best = trade.cheapest(1e-3)
@@ -71,12 +71,6 @@ def test_a_trade_is_a_sequence_of_settings_with_a_front(tmp_path):
     ax = Figure().subplots()
     assert again.plot(ax, panel="P_d") is ax.figure
     assert ax.has_data()
-
-
-def test_a_settings_error_is_that_of_nearly_all_lanes():
-    one = setting("one", 1.0, 1e-3)._replace(state=np.array([1e-3] * 99 + [np.nan]))
-    assert one.error == 1e-3
-    assert one._replace(state=np.array([1e-3] * 9 + [np.nan] * 9)).error == np.inf
 
 
 def test_plain_answers_are_saved_as_json(tmp_path):

@@ -17,7 +17,7 @@ from jaxshroud.scene.checks import InputError, KeyNameError, SceneError
 from jaxshroud.scene.config import load, parse
 from jaxshroud.scene.keys import ALL_KEYS, ROW_KEYS, find_key, number_shape
 from jaxshroud.scene.layout import LIMITED, MISPRINTS, row_layout
-from jaxshroud.scene.other_parts import with_laws, with_parts
+from jaxshroud.scene.other_parts import with_parts
 from jaxshroud.scene.overrides import axis
 from jaxshroud.scene.scene import Row
 from jaxshroud.scene.text import text_of
@@ -362,7 +362,10 @@ def test_what_python_refuses(table1):
             lambda: _replaced(ring, parts=js.Parts(neighbour="rigid")),
             "every blade of a row has a neighbour that is a blade",
         ),
-        (lambda: with_laws(ring, js.Hertz(1e7)), "the kernels of rows know springs and smooth contact only"),
+        (
+            lambda: js.with_contact_law(ring, js.Laws(js.Hertz(1e7))),
+            "the kernels of rows know springs and smooth contact only",
+        ),
     ):
         with pytest.raises(InputError, match=told):
             ask()
@@ -410,8 +413,8 @@ def test_every_public_function_of_scenes_knows_rows_or_refuses_them():
     functions = {name: f for name, f in public.items() if inspect.isfunction(f)}
     takes = lambda f: any("Scene" in str(of.annotation) for of in inspect.signature(f).parameters.values())
     of_scenes = {name for name, f in functions.items() if takes(f)}
-    # `with_laws` refuses them in words of its own, see above; `with_contact_law` is of rows too.
-    assert of_scenes == {*_verbs(), *KNOW_ROWS, "with_laws", "with_contact_law"}
+    # `with_contact_law` knows rows but for `Laws`, which are refused in words of their own, see above.
+    assert of_scenes == {*_verbs(), *KNOW_ROWS, "with_contact_law"}
 
 
 @pytest.mark.parametrize("verb", list(_verbs()))

@@ -131,7 +131,7 @@ def functions() -> dict[str, Target]:
     orbit = js.orbit(one, **steps)
     axis = np.linspace(0.0, 1.0, 64)
     measured = {"t [s]": [0.0, 1e-3, 2e-3], "x_left [m]": [0.0, 1e-5, 2e-5]}
-    own, chain = js.with_laws(one, js.Hertz(4e7)), js.load("row_chain5", ['parts.motion=["x"]']).scene
+    own, chain = js.with_contact_law(one, js.Laws(js.Hertz(4e7))), js.load("row_chain5", ['parts.motion=["x"]']).scene
     return {
         "amplitude_spectrum": Target(js.amplitude_spectrum, {"signal": axis, "samples_per_period": 8}),
         "attractors": Target(js.attractors, {"scene": one, **steps}, True),
@@ -181,7 +181,6 @@ def functions() -> dict[str, Target]:
         "value_of": Target(js.value_of, {"scene": one, "key": "shroud.gap"}),
         "vary": Target(js.vary, {"scene": one, "key": "shroud.gap", "value": 1e-5}),
         "with_contact_law": Target(js.with_contact_law, {"scene": one, "law": NoContact()}),
-        "with_laws": Target(js.with_laws, {"scene": one, "normal": js.Hertz(4e7)}),
         "zero_one": Target(zero_one, {"series": axis, "near": 0.0}),
     }
 
@@ -191,6 +190,7 @@ def made() -> dict[str, Target]:
     one = scene()
     numbers = lambda holder: {name: getattr(holder, name) for name in holder.__dataclass_fields__}
     laws = {
+        js.Laws: {"normal": js.Hertz(4e7)},
         js.Hertz: {"k": 4e7},
         js.DampedSpring: {"k": 2e5, "k_deep": 6e5, "depth": 3e-5, "c": 20.0},
         js.RegularisedCoulomb: {"mu": 0.3, "speed": 1e-3},

@@ -546,17 +546,15 @@ def traded() -> Iterator[Run]:
     """Errors of a few ways to march; what they cost is not told."""
 
     def does(given: Given) -> Values:
-        measure, setting = (
-            import_module("jaxshroud.verbs.trade").measure_settings,
-            import_module("jaxshroud.verbs.asked").Setting,
-        )
-        ways = [setting(*way) for way in (("rk4", "cubic", "float64", 0.5), ("rk4", "none", "float64", 0.5))]
+        trade = import_module("jaxshroud.verbs.trade")
+        setting = import_module("jaxshroud.verbs.asked").Setting
+        ways = [trade.by_setting(setting("rk4", locate, "float64", 0.5)) for locate in ("cubic", "none")]
         scene = given.scene("table1", "contact.gamma=2.5", "drive.F_0=60")
-        came = measure(scene, ways, lanes=8, transient=8, n_periods=8, seed=0)
+        came = trade.trade(scene, methods=ways, lanes=8, transient=8, n_periods=8, seed=0)
         return {
-            "state": rows(*(way.state for way in came)),
+            "state": np.array([[way.state_error, way.state_error_median] for way in came]),
             "gradient": np.array([[way.gradient] for way in came]),
-            "steps": np.array([way.steps for way in came]),
+            "steps": np.array([way.steps_per_period for way in came]),
         }
 
     yield Run("trade", "located or not", "errors", does)

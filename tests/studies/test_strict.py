@@ -26,7 +26,6 @@ OTHERS |= {
     "trade",
     "value_of",
     "vary",
-    "with_laws",
     "with_contact_law",
 }
 METHOD = js.RungeKutta(steps=100)

@@ -7,16 +7,13 @@ from side_by_side import ends, relative_error, run, sizes, with_parts
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.march.method import FAST_WITH_LEDGER
 from jaxshroud.march.stability import largest_frequency
-from jaxshroud.orbits.short_runs import motions_at
+from jaxshroud.orbits.short_runs import adaptive_runs, motions_at
 from jaxshroud.scene.vary import vary
-from jaxshroud.verbs.trade import Adaptive
 
 
 def solved(scene, solver: str, rtol: float) -> np.ndarray:
     """The motion after one period from the scene's start, (12,)."""
-    ran = Adaptive(solver, rtol).run(one_lane(scene), 1)
-    assert ran is not None
-    return motions_at(ran.samples, 0)[0]
+    return motions_at(adaptive_runs(one_lane(scene), 1, solver, rtol).samples, 0)[0]
 
 
 SOLVERS = {
