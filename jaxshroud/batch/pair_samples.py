@@ -184,7 +184,6 @@ def _dense_trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choice
         fixed = Fixed(models, grids, jnp.minimum(lanes.step + left, clock.steps))
         tried, interpolants = each(lambda lane, fixed: trial_of(lane, fixed, method), lanes, fixed)
         ahead = stepper.update(lanes, tried, fixed, method, each)
-        whole = ahead.step - lanes.step
         trials = DenseTrial(
             interpolant=interpolants,
             u_s=lanes.state.u_s,
@@ -193,7 +192,7 @@ def _dense_trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choice
             status=ahead.status,
             steps_into=lanes.search.done,
             length=tried.length,
-            whole=whole,
+            whole=ahead.step - lanes.step,
             done=ahead.search.done,
             after=jax.vmap(sampled_state)(ahead, models),
             fired=event_fired(lanes, ahead),

@@ -52,7 +52,7 @@ def _guard_of_lift_at(m: int, now: ContactNow) -> Guard:
 
 def _guard_of_rub_at(m: int, now: ContactNow) -> Guard:
     point = _point(m, now)
-    return Guard(*point.law.friction_guard(point.at, point.rate, point.u_s, point.mode))
+    return Guard._make(point.law.friction_guard(point.at, point.rate, point.u_s, point.mode))
 
 
 def _with_mode(m: int, instant: EventInstant, mode: Any) -> tuple[Any, ...]:
