@@ -5,7 +5,6 @@ import json
 import os
 import platform
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import engine
@@ -22,17 +21,8 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import tableau
 
 RESULTS = Path(__file__).parent / "results"
-PEERS = (
-    "scalar_c",
-    "scalar_c_unlocated",
-    "vector_c",
-    "numba_scalar",
-    "scipy_compiled",
-    "heyoka_batch",
-    "diffrax_smooth",
-    "jax_nested",
-)
-ROCKING = ("scalar_c", "numba_scalar")  # which end where faces rock without end: others know no flat contact
+PEERS = ("scalar_c", "scalar_c_unlocated", "vector_c", "heyoka_batch")
+ROCKING = ("scalar_c",)  # which ends where faces rock without end: heyoka's program knows no flat contact
 TARGETS = (1e-3, 1e-6, 1e-9, 1e-11)
 QUANTILES = {"error": 0.5, "p95": 0.95, "most": 1.0}
 TAILS = ("jaxshroud taylor", heyoka_batch.NAME)  # whose tails are drawn
@@ -52,36 +42,34 @@ def one_core():
 
 
 def contestants(whole: Problem, peers: tuple[str, ...]):
-    """(name, setting, problem, run) of everything that can run here, and why the others cannot."""
+    """(name, setting, run) of everything that can run here, and why the others cannot."""
     entries, absent = [], {}
     for name, (method, steps) in engine.METHODS.items():
         run = engine.prepare(whole, method)
-        entries += [(name, n, whole, run) for n in steps]
+        entries += [(name, n, run) for n in steps]
     by_series = engine.prepare_series(whole)
-    entries += [("jaxshroud taylor", tolerance, whole, by_series) for tolerance in engine.SERIES]
+    entries += [("jaxshroud taylor", tolerance, by_series) for tolerance in engine.SERIES]
     for module in peers:
         peer = importlib.import_module(f"peers.{module}")
         reason = peer.missing()
         if reason:
             absent[peer.NAME] = reason
             continue
-        every = max(1, LANES // getattr(peer, "LANES", LANES))
-        part = replace(whole, gamma=whole.gamma[::every])
-        run = peer.prepare(part)
-        entries += [(peer.NAME, setting, part, run) for setting in peer.SETTINGS]
+        run = peer.prepare(whole)
+        entries += [(peer.NAME, setting, run) for setting in peer.SETTINGS]
     return entries, absent
 
 
 def timed(entries) -> list[dict]:
     """Median cost of each entry over rounds that go through all of them in turn."""
     rows = []
-    for name, setting, part, run in entries:
+    for name, setting, run in entries:
         start = time.process_time()
         states = run(setting)  # compiles
-        rows.append(dict(name=name, setting=setting, lanes=len(part.gamma), states=states, seconds=[]))
+        rows.append(dict(name=name, setting=setting, lanes=LANES, states=states, seconds=[]))
         rows[-1]["first"] = time.process_time() - start
     for _ in range(ROUNDS):
-        for row, (_, setting, _, run) in zip(rows, entries, strict=True):
+        for row, (_, setting, run) in zip(rows, entries, strict=True):
             if row["seconds"] and row["seconds"][0] > SLOW:
                 continue
             start = time.process_time()
@@ -205,7 +193,7 @@ def test_cost_against_error(light):
     reference = engine.prepare(whole, Choices(tableau("dopri8"), ledger=False))(4000 if light else 1000)
     rows = timed(entries)
     for row in rows:
-        error = errors(row.pop("states"), reference[:: LANES // row["lanes"]])
+        error = errors(row.pop("states"), reference)
         row |= {name: float(np.quantile(error, at)) for name, at in QUANTILES.items()}
     rows += without_callbacks(rows, whole)
     names = list(dict.fromkeys(r["name"] for r in rows))

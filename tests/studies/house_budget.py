@@ -12,17 +12,34 @@ is stored, where of all others it is the most.
 
 import argparse
 import ast
+import io
 import json
+import tokenize
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from house import PACKAGE, ROOT, tokens_of
-
+ROOT = Path(__file__).parents[2]
+PACKAGE = "jaxshroud"
 FILE = Path(__file__).with_suffix(".json")
 OTHER = (".json", ".html", ".js", ".css")
 TESTS = {"tests/studies": "studies", "tests/benchmarks": "benchmarks"}
+UNCOUNTED = {
+    tokenize.COMMENT,
+    tokenize.NL,
+    tokenize.NEWLINE,
+    tokenize.INDENT,
+    tokenize.DEDENT,
+    tokenize.ENCODING,
+    tokenize.ENDMARKER,
+}
 Functions = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def tokens_of(source: str) -> list[tokenize.TokenInfo]:
+    """The tokens of a source that are counted; a docstring is one."""
+    tokens = tokenize.generate_tokens(io.StringIO(source).readline)
+    return [token for token in tokens if token.type not in UNCOUNTED]
 
 
 def room_of(path: Path) -> str:

@@ -36,6 +36,7 @@ def test_root_mean_squares_have_intervals(swept, tmp_path):
     assert js.sweep(SCENE, GAMMA, **{**HOW, "amplitudes": False}).x_rms_ci is None
 
 
+@pytest.mark.full
 def test_stores_and_maps_have_the_same_intervals(swept, tmp_path):
     stored = js.sweep(SCENE, GAMMA, store=tmp_path / "a.zarr", **HOW)
     in_map = js.sweep(SCENE, GAMMA, keep_samples=False, **HOW)
@@ -81,6 +82,7 @@ def test_the_summary_says_of_how_many_periods_a_peak_is_and_how_many_to_keep(swe
         assert text in shown
 
 
+@pytest.mark.full
 def test_power_tells_the_interval_of_an_aperiodic_motion(tmp_path, capsys):
     words = ["power", "table1", *(word for one in [*SETS, "contact.gamma=5.5"] for word in ("--set", one))]
     words += ["--tableau", "rk4", "--steps-per-period", "200", "--periods", "32", "--transient", "64", "--amplitudes"]

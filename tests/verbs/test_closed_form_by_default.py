@@ -74,6 +74,7 @@ def test_what_dies_out_never_takes_more_of_the_margins_than_its_bound():
     assert (motion.margins.holds & leaves).any()
 
 
+@pytest.mark.full
 def test_a_mixed_batch_is_marched():
     scenes = js.scenes_from({"drive.F_0": [2.0, 400.0]}, stuck())
     assert default_state(scenes, None) is None
@@ -121,6 +122,7 @@ def test_a_response_is_marched_where_its_peak_slips():
     assert "stuck" not in form_of(js.response(stuck(), **swept, **short))  # it slips at 3,300 rad/s
 
 
+@pytest.mark.full(but=["nothing", "steps"])
 @pytest.mark.parametrize(
     ("options", "form"),
     [
@@ -140,6 +142,7 @@ def test_a_command_that_says_how_to_march_marches(options, form, tmp_path):
     assert ("closed form" in method) == (not options)
 
 
+@pytest.mark.full
 def test_a_warning_of_an_accuracy_is_printed_once(tmp_path, capsys):
     short = ["--periods", "2", "--transient", "2", "--out", str(tmp_path / "power")]
     main(["power", "row_chain5", "--set", 'parts.motion=["x"]', "--accuracy", "fast", *short])

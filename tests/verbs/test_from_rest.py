@@ -28,6 +28,7 @@ def test_files_keep_the_friction_of_the_start():
     assert parse("\n".join(lines), "without its start").scene.start == "from rest"
 
 
+@pytest.mark.full
 def test_verbs_begin_there():
     scene = scene_with()
     begin = js.simulate(scene, n_periods=1, method=MARCH)
@@ -60,6 +61,7 @@ def test_the_closed_form_holds_the_sliders_of_the_start():
         js.gradient(scene, ["contact.gamma"], of="x_peak", linear="stuck")
 
 
+@pytest.mark.full
 def test_the_sheet_judges_the_motion_about_that_position():
     held = js.check(js.load("table1", [*STUCK, *LOADS, *FROM_REST])).settled
     without = js.check(js.load("table1", [*STUCK, *LOADS, FROM_REST[0]])).settled
@@ -71,6 +73,7 @@ def test_the_sheet_judges_the_motion_about_that_position():
     assert "cannot be followed" in lost.words
 
 
+@pytest.mark.full
 def test_a_lane_without_a_path_stops():
     with pytest.warns(js.LaneWarning, match="static start that was not found"):
         run = js.power(js.load("table1", [*LOST, *FROM_REST]).scene, **SHORT, method=MARCH)

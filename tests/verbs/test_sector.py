@@ -69,6 +69,7 @@ def assert_equal_runs(scene_file, states=1e-12, others=1e-9):
     assert not worst
 
 
+@pytest.mark.full(but=["4-3"])
 @pytest.mark.parametrize(("order", "blades"), [(3, 4), (4, 3), (6, 2)])
 def test_a_small_ring_moves_as_the_whole_one(order, blades):
     scene_file = ring(f"drive.engine_order={order}")
@@ -78,6 +79,10 @@ def test_a_small_ring_moves_as_the_whole_one(order, blades):
 
 def test_the_sector_is_of_all_harmonics():
     assert sector_blades(harmonics().scene) == 3
+
+
+@pytest.mark.full
+def test_a_sector_of_all_harmonics_moves_as_the_whole_ring():
     assert_equal_runs(harmonics())
 
 
@@ -156,6 +161,7 @@ def test_the_speed_of_the_rotor_is_that_of_the_whole_ring():
 BROKEN = ["row.blades=4", "drive.engine_order=2", "drive.omega=923"]
 
 
+@pytest.mark.full
 def test_a_small_ring_cannot_see_that_a_wave_breaks():
     how = {"n_periods": 4, "transient": 400, "method": METHOD, "amplitudes": True}
     gamma = {"contact.gamma": np.array([2.6])}
@@ -220,7 +226,7 @@ def runs_of(scene_file, plan):
 
 
 @pytest.mark.parametrize("options", [[], ["contact.points=2"]])
-@pytest.mark.full(but=["options0"])
+@pytest.mark.full
 def test_lanes_at_their_end_are_those_of_the_whole_ring(options):
     plan = Plan(1, 2, 60, 0.0, choices(METHOD)._replace(ledger=True, forces=True, amplitudes=True))
     whole, small = (runs_of(one, plan) for one in (ring(*options), by_sector(ring(*options))))
@@ -237,6 +243,7 @@ COARSE = js.RungeKutta("rk4", steps=100)
 FOUR = ["row.blades=4", "drive.engine_order=2"]  # by a sector of two
 
 
+@pytest.mark.full
 def test_a_tuned_row_goes_by_its_sector_and_patterns_whole(tmp_path, monkeypatch):
     how = {"n_periods": 2, "transient": 2, "method": COARSE, "n_patterns": 2}
     whole = js.mistune(ring(*FOUR), SPEEDS, **how)
