@@ -157,7 +157,9 @@ def in_scene_precision(state: State, scene: Scene) -> State:
     """The state as arrays, its real numbers in the precision of the scene."""
     real = scene.drive.omega.dtype
     motion = Motion(**{name: np.asarray(value, real) for name, value in state.motion._asdict().items()})
-    return State(motion, np.asarray(state.u_s, real), np.asarray(state.mode, np.int32), np.asarray(state.case, np.int32))
+    return State(
+        motion, np.asarray(state.u_s, real), np.asarray(state.mode, np.int32), np.asarray(state.case, np.int32)
+    )
 
 
 def to_vector(state: State) -> np.ndarray:
