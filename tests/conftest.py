@@ -148,14 +148,14 @@ def table1():
 
 @pytest.fixture
 def written(monkeypatch):
-    """Places of the blocks of a store that were written so far."""
+    """The first lanes of the parts of a store that were written so far."""
     from jaxshroud.io.unfinished_store import Unfinished
 
     places, write = [], Unfinished.write
 
-    def told(self, block, *rest):
-        places.append(block.place)
-        write(self, block, *rest)
+    def told(self, block, at, *rest):
+        places.append(tuple(lanes.start for lanes in at))
+        write(self, block, at, *rest)
 
     monkeypatch.setattr(Unfinished, "write", told)
     return places

@@ -127,7 +127,7 @@ def small(monkeypatch, tmp_path):
     monkeypatch.setattr(arguments, "N_PERIODS", 4)
     monkeypatch.setattr(asked.Asked, "says_nothing", False)  # RK4, whose programs other tests compile too
     monkeypatch.setattr(js, "tune", partial(tune, search=js.SearchOptions(4, 1, 1)), raising=False)
-    monkeypatch.setattr(stored, "MIN_BLOCK_LANES", 64)
+    monkeypatch.setattr(stored, "MIN_PART_LANES", 64)
     settled = ['parts.motion=["x"]', "blades.c_x=40", "drive.M_0=0", "run.periods=4", "run.transient=4"]
     monkeypatch.setattr(js, "load", lambda path, more=(): load(path, [*more, *settled]), raising=False)
 

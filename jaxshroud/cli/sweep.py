@@ -31,7 +31,7 @@ from jaxshroud.cli.terminal import (
 )
 from jaxshroud.io.files import place_of, written_files
 from jaxshroud.io.store import write_json
-from jaxshroud.io.unfinished_store import BEGUN, remove_store, write_attributes
+from jaxshroud.io.unfinished_store import remove_store, write_attributes
 from jaxshroud.march.method import FOR_P_D, FOR_P_D_WITH_LEDGER
 from jaxshroud.model.modes import Status
 from jaxshroud.results.extremes import passed_sides
@@ -247,15 +247,8 @@ def _sweep(request: SweepRequest, march: MarchPlan) -> SweepResult:
             )
         except Interrupted as interrupt:
             if interrupt.done is None:
-                raise _interrupted_before_first_block(store) from None
+                raise KeyboardInterrupt from None
             _keep_ended_lanes(request, interrupt.done)
-
-
-def _interrupted_before_first_block(store: Path | None) -> KeyboardInterrupt:
-    """The interruption of a sweep that has finished no block: of its first, values may be kept."""
-    if store is None or not any((store / "resume").glob(f"*{BEGUN}")):
-        return KeyboardInterrupt()
-    return KeyboardInterrupt(f"{store} with the values of its first block that had ended", RESUME_ADVICE)
 
 
 def _keep_ended_lanes(request: SweepRequest, result: SweepResult) -> NoReturn:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, overload
 import numpy as np
 
 from jaxshroud.batch.limits import check_memory
-from jaxshroud.io.block_records import DESCRIPTION_FILE, read_store_record, store_damage
+from jaxshroud.io.block_records import BLOCKED, DESCRIPTION_FILE, OTHERS, RESUME, group_attributes, store_damage
 from jaxshroud.io.files import write
 from jaxshroud.io.left_out import packages_left_out
 from jaxshroud.scene.checks import StoreError
@@ -94,8 +94,8 @@ def _read_zarr(path: Path, checked: bool) -> "xr.Dataset":
             raise ValueError(damage)
         with warnings.catch_warnings(action="ignore"):  # about other files in the folder
             ds = xr.open_zarr(path, chunks=None, consolidated=False, zarr_format=3)
-        record = read_store_record(path)
-        ds = ds.drop_vars([name for name in ds.variables if record is None or name not in record.names])
+        stored = group_attributes(path / RESUME)
+        ds = ds[[*stored[BLOCKED], *stored[OTHERS]]]
         ds = ds.assign({name: a.astype(object).astype(str) for name, a in ds.variables.items() if a.dtype.kind == "T"})
         return _checked_texts(ds.load() if ds.nbytes < LARGE else ds)
     except (OSError, ValueError, KeyError, TypeError, RuntimeError) as error:

@@ -1,62 +1,64 @@
-"""A store of a sweep that grows block by block, and from which the sweep resumes if it is killed at any moment.
+"""A store of a sweep that grows part by part, and from which the sweep resumes if it is killed at any moment.
 
-It is a Zarr store with one array for each variable and one chunk for each block. A block is finished when its record
-is written, after its chunks; a block that does not agree with its record, or has none, is computed again. The group
-`resume`, which has the records, also identifies the sweep. A lock on a file in that group, which ends with the process
+It is a Zarr store with one array for each variable and one chunk for each block of lanes. Part of a block is finished
+when the record of the block says so, which is written after the values. A lock on a file, which ends with the process
 that holds it, keeps other processes from writing.
 """
 
 import fcntl
+import json
 import os
 import re
 import stat
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from jaxshroud.io.block_records import (
+    BLOCKED,
+    CHECKSUM,
     DESCRIPTION_FILE,
-    DIGESTS,
-    FILES,
+    OTHERS,
     RESUME,
-    WHOLE,
-    Record,
-    StoreRecord,
-    arrays_in,
-    changed_files,
-    chunk_files,
-    damaged_blocks,
-    digests,
-    dimension_names,
+    SWEEP,
+    BlockRecord,
+    Lanes,
+    arrays_checksum,
     group_attributes,
+    parts_of_arrays,
     read_record,
-    read_store_record,
-    record_content,
-    record_file,
-    write_store_record,
+    record_path,
+    sweep_arrays,
+    write_record,
 )
-from jaxshroud.io.files import write
-from jaxshroud.io.zarr_arrays import Block, LaneDimension, group_description, write_array, writing_errors
+from jaxshroud.io.files import write, write_error
+from jaxshroud.io.store import json_values
+from jaxshroud.model.modes import Status
 from jaxshroud.scene.checks import StoreError
-from jaxshroud.whole_file import TEMPORARY_NAME, open_regular, remove_leftovers, remove_unless_locked
+from jaxshroud.whole_file import open_regular
 
 if TYPE_CHECKING:
     import xarray as xr
 
 MOST_DIFFERENCES = 4  # differences shown
-BEGUN = ".begun.npz"  # of the record of a block that is not finished
-NUMBER = "number "  # prefix of the names of variables in a record
 LOCK = f"{RESUME}/lock"
-PARTIAL = ".partial"  # in place of the rest of the name of a temporary file
+LEFT, ZARR_LEFT = r"\.jaxshroud-[0-9a-f]{32}\.partial", r"\.[0-9a-f]{32}\.partial"  # ends of names of temporary files
 # The files of a store, and those that it has before it says of which sweep it is; as paths within it.
 STORE_FILE = re.compile(
-    r"((resume/)?zarr\.json|resume/(lock|whole\.npz|\d+(-\d+)*(\.begun)?\.npz)|[^/]+/(zarr\.json|c(/\d+)*))(\.partial)?"
+    rf"(resume/)?\.?zarr\.json({LEFT})?|resume/(lock|\.?\d+(-\d+)*\.npz({LEFT})?)"
+    rf"|[^/]+/(zarr(\.json|{ZARR_LEFT})|c(/\d+)*({ZARR_LEFT})?)"
 )
-FIRST_FILE = re.compile(r"resume/(lock|zarr\.json\.partial)")
-BLOCK_NAME = "block"  # entry of the record of a block that is not finished
+FIRST_FILE = re.compile(rf"resume/(lock|\.zarr\.json{LEFT})")
+
+
+class LaneDimension(NamedTuple):
+    """The number of lanes along a dimension of the grid, and of a block."""
+
+    whole: int
+    block: int
 
 
 @contextmanager
@@ -72,57 +74,51 @@ def open_unfinished(
         coords: The coordinates of the dataset, as xarray takes them.
 
     Raises:
-        StoreError: The path holds the store of another sweep or no store, or the store is damaged beyond repair or in
-            use.
+        StoreError: The path holds the store of another sweep or no store, or is in use.
         WriteError: The path cannot be written.
     """
-    if not (path / "zarr.json").exists():
+    if not store_identity(path):
         _refuse_foreign(path)
     with _locked(path):
+        _refuse_other(path, about)
+        for file in _own_files(path):
+            if file.name.endswith(".partial"):
+                file.unlink()
         yield Unfinished(path, lanes, about, coords)
 
 
 def _refuse_foreign(path: Path) -> None:
     """Raise StoreError if a folder holds anything that may not have been written by a sweep."""
-    own = {*_own_files(path)}
-    foreign = [file.relative_to(path).as_posix() for file in _files_within(path) if file not in own]
+    foreign = sorted({*_files_within(path)} - {*_own_files(path)})
     if foreign:
+        name = foreign[0].relative_to(path).as_posix()
         raise StoreError(
-            f"{path}: holds {foreign[0]!r}, which is not of a store that a sweep has begun, and stays as it is; "
-            "choose another --out"
+            f"{path}: holds {name!r}, which is not of a store that a sweep has begun, "
+            "and stays as it is; choose another --out"
         )
 
 
-def _own_files(path: Path) -> Iterator[Path]:
+def _own_files(path: Path) -> list[Path]:
     """The files in a folder that a sweep writes: without an identity, those of its first moment alone."""
     names = STORE_FILE if store_identity(path) else FIRST_FILE
-    for file in _files_within(path):
-        temporary = TEMPORARY_NAME.fullmatch(file.name)
-        inner = (file.with_name(f"{temporary[1]}{PARTIAL}") if temporary else file).relative_to(path).as_posix()
-        if names.fullmatch(inner) and stat.S_ISREG(file.lstat().st_mode):
-            yield file
+    return [
+        file
+        for file in _files_within(path)
+        if names.fullmatch(file.relative_to(path).as_posix()) and stat.S_ISREG(file.lstat().st_mode)
+    ]
 
 
 def _files_within(path: Path) -> list[Path]:
     """All that is no folder in a folder and in those within; links are not followed."""
     found = [Path(folder, name) for folder, folders, names in os.walk(path) for name in [*folders, *names]]
-    return sorted(file for file in found if file.is_symlink() or not file.is_dir())
-
-
-def _remove_files(path: Path, files: Iterable[Path]) -> None:
-    """Remove files in a folder, and all folders in it that are empty then."""
-    for file in files:
-        file.unlink(missing_ok=True)
-    for folder, _, _ in os.walk(path, topdown=False):
-        with suppress(OSError):  # it is not empty
-            os.rmdir(folder)
+    return [file for file in found if file.is_symlink() or not file.is_dir()]
 
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
     """A context in which no other process writes to the store."""
     lock_path = path / LOCK
-    with writing_errors(path):
+    with _writing_errors(path):
         lock_path.parent.mkdir(parents=True, exist_ok=True)
         lock = open_regular(lock_path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW)
     with lock:
@@ -136,6 +132,17 @@ def _locked(path: Path) -> Iterator[None]:
         yield
 
 
+def _refuse_other(path: Path, about: Mapping[str, str]) -> None:
+    """Raise StoreError with the differences between the sweep that a store is of, if any, and a new one."""
+    stored = store_identity(path)
+    names = dict.fromkeys([*about, *stored]) if stored else ()
+    changes = [f"{n} was {stored.get(n)}, is {about.get(n)}" for n in names if stored.get(n) != about.get(n)]
+    if changes:
+        more = f" and {len(changes) - MOST_DIFFERENCES} more" if len(changes) > MOST_DIFFERENCES else ""
+        shown = "; ".join(changes[:MOST_DIFFERENCES]) + more
+        raise StoreError(f"{path}: is of another sweep: {shown}; choose another --out, or --force to replace it")
+
+
 class Unfinished:
     """A store that this process has locked."""
 
@@ -144,154 +151,82 @@ class Unfinished:
     ):
         import xarray as xr
 
-        self.path, self.lanes = path, lanes
+        self.path, self.lanes, self.about = path, lanes, about
         self.coords = {str(name): variable for name, variable in xr.Dataset(coords=coords).variables.items()}
-        self.has_arrays = False
-        if store_identity(path) != about:
-            self._claim(about)
-        elif (record := read_store_record(path)) and group_attributes(path) and not changed_files(path, record.digests):
-            self._resume(record)
+        self.arrays = sweep_arrays(path) if group_attributes(path) else {}
+        if not store_identity(path):
+            self._describe(())
 
-    def record(self, block: Block) -> Record | None:
-        """The record of a finished block; None if the block has to be computed."""
-        record = read_record(self._record_path(block)) if self.has_arrays else None
-        if record is None:
-            return None
-        self._remove_progress(block)
-        return {name: value for name, value in record.items() if name not in (FILES, DIGESTS)}
+    def begun(self, block: Lanes) -> BlockRecord | None:
+        """The record of the finished part of a block; None if there is none, and no lane of the block counts as run."""
+        path = record_path(self.path, block)
+        record = read_record(path, self.arrays)
+        if record is None and self.arrays:
+            with _writing_errors(self.path):
+                path.unlink(missing_ok=True)
+                for name, part in reversed([*parts_of_arrays(self.arrays, block)]):
+                    self.arrays[name][part] = self.arrays[name].fill_value
+        return record
 
-    def kept(self, block: Block) -> Record | None:
-        """The progress of a block that is not finished; None if none was kept."""
-        record = read_record(self._progress_path(block)) or {}
-        return record if record.pop(BLOCK_NAME, None) == block.name else None
-
-    def keep(self, block: Block, record: Record) -> None:
-        """Keep the progress of a block that is not finished, for another process to continue."""
-        content = record_content({**record, BLOCK_NAME: np.array(block.name)})
-        write(self._progress_path(block), content, is_result=False)
-
-    def write(self, block: Block, data: "xr.Dataset", record: Record) -> None:
-        """Store the values of a block, its statuses last, and then its record."""
-        with writing_errors(self.path):
-            self._record_path(block).unlink(missing_ok=True)
-            if not self.has_arrays:
+    def write(self, block: Lanes, at: Lanes, data: "xr.Dataset", record: BlockRecord) -> None:
+        """Store the values of some lanes of a block, and then its record."""
+        with _writing_errors(self.path):
+            if not self.arrays:
                 self._create(data)
-            self._discard(block.place)
-            files = chunk_files(self._arrays, block.place)
-            part = dict(zip(self.lanes, block.at, strict=True))
-            for name in sorted(files, key="status".__eq__):
-                array = self._arrays[name]
-                array[tuple(part.get(dim, slice(None)) for dim in dimension_names(array))] = data[name].to_numpy()
-        write(self._record_path(block), record_content(record, digests(self.path, files.values())), is_result=False)
-        self._remove_progress(block)
+                self.begun(block)
+            for name, part in parts_of_arrays(self.arrays, at):
+                self.arrays[name][part] = data[name].to_numpy()
+            write_record(record_path(self.path, block), record, self.arrays)
 
     def finish(self, attrs: Mapping[str, object], more: "Mapping[str, xr.Variable]") -> None:
         """Write the attributes and the further variables that are known when all blocks are finished."""
-        written = dict(self._whole.digests)
-        with writing_errors(self.path):
+        with _writing_errors(self.path):
             for name, variable in more.items():
-                written |= write_array(self.path, name, variable)
-        write_store_record(self.path, self._whole._replace(digests=written))
+                self._write_array(name, variable)
+        self._describe(self.arrays, more)
         write_attributes(self.path, attrs)
-
-    def _resume(self, record: StoreRecord) -> None:
-        """Open the arrays, and discard the blocks that are not as they were written."""
-        arrays = arrays_in(self.path, record.names, writable=True)
-        self._whole = record
-        self._arrays = {name: arrays[name] for name in record.blocked}
-        self.has_arrays = True
-        for left in [file for file in _own_files(self.path) if TEMPORARY_NAME.fullmatch(file.name)]:
-            remove_unless_locked(left)
-        with writing_errors(self.path):
-            for place in damaged_blocks(self.path, self._arrays):
-                self._discard(place)
-
-    def _discard(self, place: Sequence[int]) -> None:
-        """Make a block one that has not run."""
-        for file in (record_file(place), chunk_files(self._arrays, place)["status"]):
-            (self.path / file).unlink(missing_ok=True)
-
-    def _remove_progress(self, block: Block) -> None:
-        """Remove the progress that was kept of a block, as it is finished."""
-        with writing_errors(self.path):
-            remove_leftovers(self._progress_path(block))
-            self._progress_path(block).unlink(missing_ok=True)
-
-    def _record_path(self, block: Block) -> Path:
-        return self.path / record_file(block.place)
-
-    def _progress_path(self, block: Block) -> Path:
-        return self._record_path(block).with_suffix(BEGUN)
 
     def _create(self, data: "xr.Dataset") -> None:
         """Create all arrays, with values only for coordinates. The description that makes them a store comes last."""
-        group = group_description({**data.attrs, "complete": 0})
-        if (self.path / DESCRIPTION_FILE).exists():  # a damaged store, which is incomplete until all is written again
-            write(self.path / DESCRIPTION_FILE, group, is_result=False)
-        written = {}
         for name, variable in self.coords.items():
-            written |= write_array(self.path, name, variable)
+            self._write_array(name, variable)
         for name, variable in data.data_vars.items():
             sizes = [self.lanes.get(str(dim), LaneDimension(n, n)) for dim, n in variable.sizes.items()]
-            written |= write_array(self.path, str(name), variable.variable, sizes)
-        record = StoreRecord(tuple(map(str, data.data_vars)), written)
-        write_store_record(self.path, record)
-        write(self.path / DESCRIPTION_FILE, group, is_result=False)
-        self._resume(record)
+            self._write_array(str(name), variable.variable, sizes)
+        self._describe([*map(str, data.data_vars)])
+        _write_group(self.path, {**data.attrs, "complete": 0})
+        self.arrays = sweep_arrays(self.path)
 
-    def _claim(self, about: Mapping[str, str]) -> None:
-        """Remove the remains of a sweep that was killed before it stored anything, and write the new identity.
+    def _write_array(self, name: str, variable: "xr.Variable", sizes: Sequence[LaneDimension] = ()) -> None:
+        """Write an array, without values if it is made of blocks, of which `sizes` are given: no lane of it has run."""
+        import zarr
 
-        Raises:
-            StoreError: The folder holds stored blocks of another sweep.
-        """
-        is_store = (self.path / DESCRIPTION_FILE).exists()
-        records = [file for file in (self.path / RESUME).glob("*.npz") if file != self.path / WHOLE]
-        if is_store or any(not file.name.endswith(BEGUN) for file in records):
-            self._refuse(about)
-        with writing_errors(self.path):
-            lock = self.path / LOCK
-            _remove_files(self.path, [file for file in _own_files(self.path) if file != lock])
-        write(self.path / RESUME / DESCRIPTION_FILE, group_description(about), is_result=False)
+        (self.path / name / DESCRIPTION_FILE).unlink(missing_ok=True)
+        kind = variable.dtype.kind
+        array = zarr.create_array(
+            store=self.path / name,
+            shape=[n for n, _ in sizes] or variable.shape,
+            chunks=[block for _, block in sizes] or variable.shape,
+            dtype=str if kind == "U" else variable.dtype,
+            fill_value=Status.NOT_RUN if name == "status" else {"f": np.nan, "U": ""}.get(kind, 0),
+            dimension_names=[*map(str, variable.dims)],
+            attributes=json_values(variable.attrs),
+            zarr_format=3,
+        )
+        if not sizes:
+            array[...] = variable.to_numpy().astype(object) if kind == "U" else variable.to_numpy()
 
-    def _refuse(self, about: Mapping[str, str]) -> NoReturn:
-        """Raise StoreError with the differences between the stored sweep and the new one."""
-        stored = store_identity(self.path)
-        if not stored:
-            raise StoreError(f"{self.path}: not a sweep that can be gone on with; choose another --out")
-        names = dict.fromkeys([*about, *stored])
-        changes = [f"{n} was {stored.get(n)}, is {about.get(n)}" for n in names if stored.get(n) != about.get(n)]
-        more = f" and {len(changes) - MOST_DIFFERENCES} more" if len(changes) > MOST_DIFFERENCES else ""
-        shown = "; ".join(changes[:MOST_DIFFERENCES]) + more
-        raise StoreError(f"{self.path}: is of another sweep: {shown}; choose another --out, or --force to replace it")
-
-
-def join_along(before: Record, data: "xr.Dataset", along: int, *, backward: bool) -> "xr.Dataset":
-    """The values of some lanes joined to those that a record has of the lanes before them.
-
-    Args:
-        before: The record.
-        data: The values.
-        along: The dimension of the lanes along which they are joined.
-        backward: Whether the lanes of the record come last.
-    """
-    import xarray as xr
-
-    dim = data["status"].dims[along]
-
-    def joined(name: str, variable: "xr.DataArray") -> "xr.Variable":
-        if dim not in variable.dims:
-            return variable.variable
-        parts = [before[NUMBER + name], variable.to_numpy()]
-        values = np.concatenate(parts[::-1] if backward else parts, axis=variable.dims.index(dim))
-        return xr.Variable(variable.dims, values, variable.attrs)
-
-    return xr.Dataset({str(name): joined(str(name), v) for name, v in data.data_vars.items()}, attrs=data.attrs)
+    def _describe(self, blocked: Iterable[str], more: Iterable[str] = ()) -> None:
+        """Write what identifies the sweep, and which arrays there are."""
+        about: dict[str, Any] = {SWEEP: self.about, BLOCKED: [*blocked], OTHERS: [*self.coords, *more]}
+        if about[BLOCKED]:
+            about[CHECKSUM] = arrays_checksum(self.path, about)
+        _write_group(self.path / RESUME, about)
 
 
 def store_identity(path: Path) -> dict[str, str]:
     """The identity of the sweep that a store belongs to; empty if there is no store."""
-    return {str(name): str(value) for name, value in group_attributes(path / RESUME).items()}
+    return group_attributes(path / RESUME).get(SWEEP, {})
 
 
 def write_attributes(path: Path, attrs: Mapping[str, object]) -> None:
@@ -300,7 +235,13 @@ def write_attributes(path: Path, attrs: Mapping[str, object]) -> None:
     Raises:
         WriteError: The file cannot be written.
     """
-    write(path / DESCRIPTION_FILE, group_description({**group_attributes(path), **attrs}), is_result=False)
+    _write_group(path, {**group_attributes(path), **attrs})
+
+
+def _write_group(path: Path, attrs: Mapping[str, object]) -> None:
+    """Write the description of a Zarr group."""
+    group = {"zarr_format": 3, "node_type": "group", "attributes": json_values(dict(attrs))}
+    write(path / DESCRIPTION_FILE, json.dumps(group, indent=1).encode(), is_result=False)
 
 
 def remove_store(path: Path) -> None:
@@ -312,5 +253,20 @@ def remove_store(path: Path) -> None:
     """
     if path.exists():
         _refuse_foreign(path)
-        with _locked(path), writing_errors(path):
-            _remove_files(path, [*_own_files(path)])
+        with _locked(path), _writing_errors(path):
+            for file in _own_files(path):
+                file.unlink()
+            for folder, _, _ in os.walk(path, topdown=False):
+                with suppress(OSError):  # it is not empty
+                    os.rmdir(folder)
+
+
+@contextmanager
+def _writing_errors(path: Path) -> Iterator[None]:
+    """A context in which an error of the operating system becomes a WriteError with a message of one line."""
+    try:
+        yield
+    except OSError as error:
+        if isinstance(error, StoreError):
+            raise
+        raise write_error(path, error) from None

@@ -1,7 +1,7 @@
-"""Blocks of a sweep computed by the workers of Dask distributed, on this machine or on many.
+"""Parts of a sweep computed by the workers of Dask distributed, on this machine or on many.
 
-Workers compute, this process writes. A block whose worker is lost is computed by another worker; each block is written
-once. Workers may come and go. Each computes as many blocks at once as it has threads, and each block on one thread.
+Workers compute, this process writes. A part whose worker is lost is computed by another worker; each part is written
+once. Workers may come and go. Each computes as many parts at once as it has threads, and each part on one thread.
 """
 
 import json
@@ -21,14 +21,13 @@ import jax
 from jaxshroud.batch.plan import Ticker
 from jaxshroud.batch.threads import thread_settings
 from jaxshroud.scene.checks import InputError, MachineError, StoreError
-from jaxshroud.verbs.sweep_block import BlockTask, Chain, next_task
+from jaxshroud.verbs.sweep_block import Chain, ComputedPart, SweepTask, next_part
 from jaxshroud.version import __version__
 from jaxshroud.whole_file import open_regular
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-BLOCKS_PER_THREAD = 2  # submitted for each thread of a worker, so that the next block is there when one is done
 GRACE_SECONDS = 1.0  # beyond Dask's own timeout, in which it reports that nobody answers
 FILE_SUFFIX = ".json"  # of the file that a scheduler writes
 LOCAL_SCHEDULER = re.compile(r"local:([1-9]\d*)")
@@ -79,61 +78,45 @@ def _address_in_file(path: str) -> str:
 
 
 def _new_client(stack: ExitStack, address: str, workers: int | None) -> "Client":
-    """A client that lives as long as the stack is open, as do its own `workers` if their number is given."""
+    """A client that lives as long as the stack is open, as do its own `workers` if their number is given.
+
+    Dask's timeout is applied to the first answer too, for which Dask would wait without end.
+
+    Raises:
+        ConnectionError: What has that address is not there, is no scheduler, or does not answer.
+    """
+    from dask import config
+    from dask.utils import parse_timedelta
     from distributed import Client, LocalCluster
 
     for name in ("distributed", "distributed.client"):  # the client's logger has a level of its own
         logging.getLogger(name).setLevel(logging.CRITICAL)  # errors are reported in one line instead
     if workers is not None:
-        cluster_options: Any = {
-            "n_workers": workers,
-            "threads_per_worker": 1,
-            "memory_limit": 0,
-            "dashboard_address": None,
-        }
-        cluster: Any = stack.enter_context(LocalCluster(**cluster_options, silence_logs=logging.CRITICAL))
-        address = cluster.scheduler_address
+        options: Any = {"memory_limit": 0, "dashboard_address": None, "silence_logs": logging.CRITICAL}
+        cluster: Any = LocalCluster(n_workers=workers, threads_per_worker=1, **options)
+        address = stack.enter_context(cluster).scheduler_address
     client = Client.__new__(Client)
-    try:
-        _connect(client, address)
-    except Exception as error:
-        client.status = "closed"  # else its destructor waits for an answer, and complains
-        if isinstance(error, MemoryError):  # raised for the answer of something else than a scheduler
-            raise ConnectionError("what answers is no scheduler") from None
-        if isinstance(error, TypeError):  # raised for an address that needs certificates, where none are configured
-            raise ConnectionError(str(error)) from None
-        raise
-    stack.enter_context(client)
-    if workers is not None:
-        client.run(_ignore_interrupts)
-    return client
-
-
-def _connect(client: "Client", address: str) -> None:
-    """Connect a client, applying Dask's timeout to the first answer too, for which Dask would wait without end.
-
-    Raises:
-        TimeoutError: The address accepts the connection, but does not answer.
-    """
-    from dask import config
-    from dask.utils import parse_timedelta
-
     raised: list[Exception] = []
 
-    def begin() -> None:
+    def connect() -> None:
         try:
             client.__init__(address, set_as_default=False)
         except Exception as error:
             raised.append(error)
 
     limit = parse_timedelta(config.get("distributed.comm.timeouts.connect"))
-    waiting = Thread(target=begin, daemon=True)
+    waiting = Thread(target=connect, daemon=True)
     waiting.start()
     waiting.join(limit + GRACE_SECONDS)
-    if raised:
-        raise raised[0]
     if waiting.is_alive():
-        raise TimeoutError(f"Timed out waiting for an answer after {limit:g} s")
+        raised.append(TimeoutError(f"Timed out waiting for an answer after {limit:g} s"))
+    if raised:
+        client.status = "closed"  # else its destructor waits for an answer, and complains
+        raise ConnectionError(str(raised[0]) or type(raised[0]).__name__) from None
+    stack.enter_context(client)
+    if workers is not None:
+        client.run(_ignore_interrupts)
+    return client
 
 
 def _ignore_interrupts() -> None:
@@ -159,8 +142,8 @@ def worker_identity(client: "Client") -> MachineIdentity:
 def _worker_function() -> Callable[..., Any]:
     """The function that workers run, pickled by value: by reference, it would end a worker that lacks this package.
 
-    The function takes the identity that the worker must have and a pickled block with JAX's settings. It returns the
-    computed block, the worker's device if there is no block, or a text that says what is wrong with the worker.
+    The function takes the identity that the worker must have and a pickled part with JAX's settings. It returns the
+    computed part, the worker's device if there is no part, or a text that says what is wrong with the worker.
     """
 
     @no_type_check  # type-checking wrappers cannot be pickled
@@ -208,58 +191,40 @@ def _worker_result(future: "Future") -> Any:
     return answer
 
 
-def _thread_count(client: "Client") -> int:
-    """The number of threads of all workers.
-
-    Raises:
-        ConnectionError: The scheduler is lost.
-    """
-    try:
-        threads: Any = client.nthreads()
-    except AttributeError:  # raised by a client that has lost its scheduler
-        raise ConnectionError("the connection was lost") from None
-    return sum(threads.values())
-
-
-def compute_on_workers(
-    chains: Iterable[Chain], client: "Client", identity: MachineIdentity, tick: Callable[[int], None]
-) -> None:
-    """Compute all chains on workers, with a few blocks submitted ahead.
+def compute_on_workers(chains: Iterable[Chain], client: "Client", identity: MachineIdentity) -> None:
+    """Compute all chains on workers; parts of different chains are computed at the same time.
 
     Args:
-        chains: Chains of blocks; blocks of different chains are computed at the same time.
+        chains: Chains of parts.
         client: The connection to the scheduler.
         identity: The identity that the workers must have.
-        tick: Called with the number of lanes that a finished block has.
 
     Raises:
         StoreError: A worker has another identity.
-        MachineError: A block has ended several workers.
+        MachineError: A part has ended several workers.
     """
     import cloudpickle
     from distributed import as_completed
 
     jax_settings = thread_settings() | {"default_device": None}
-    waiting = iter(chains)
-    done = as_completed(loop=client.loop)
     compute_remotely = _worker_function()
-    in_progress: dict[Future, tuple[Chain, BlockTask]] = {}
+    done = as_completed(loop=client.loop)
+    in_progress: dict[Future, tuple[Chain, SweepTask]] = {}
 
-    def submit(chain: Chain, task: BlockTask | None) -> None:
-        if task is not None:
-            sent = cloudpickle.dumps(task._replace(settings=task.settings._replace(ticker=Ticker(0, None))))
+    def submit(chain: Chain, before: ComputedPart | None = None) -> None:
+        part = next_part(chain, before)
+        if part is not None:
+            task, handover = part
+            silent = task._replace(settings=task.settings._replace(ticker=Ticker(0, None)))
+            sent = cloudpickle.dumps((silent, handover))
             future = client.submit(compute_remotely, identity, sent, jax_settings, pure=False)
             in_progress[future] = chain, task
             done.add(future)
 
-    while True:
-        capacity = BLOCKS_PER_THREAD * _thread_count(client) + 1
-        while len(in_progress) < capacity and (chain := next(waiting, None)) is not None:
-            submit(chain, next(chain, None))
-        if not in_progress:
-            return
-        future = next(done)
+    for chain in chains:
+        submit(chain)
+    for future in done:
         chain, task = in_progress.pop(future)
-        block = _worker_result(future)
-        tick(task.lanes)
-        submit(chain, next_task(chain, block))
+        computed = _worker_result(future)
+        task.tick(task.lanes)
+        submit(chain, computed)

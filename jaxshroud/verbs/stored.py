@@ -1,142 +1,55 @@
-"""Sweeps that are stored block by block, in bounded memory, and can be resumed after any interruption."""
+"""Sweeps that are stored part by part, in bounded memory, and can be resumed after any interruption."""
 
 import math
-import time
 import zlib
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING
 
 import jax
 import numpy as np
 
-from jaxshroud.batch.limits import SAMPLE_BYTES
+from jaxshroud.batch.limits import SAMPLE_BYTES, results_size
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.batch.runs import SweepHandover
+from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.threads import Interrupted
-from jaxshroud.io.block_records import Record
+from jaxshroud.io.block_records import BlockRecord, Lanes, Report
 from jaxshroud.io.store import read
-from jaxshroud.io.unfinished_store import NUMBER, Unfinished, join_along, open_unfinished, store_identity
-from jaxshroud.io.zarr_arrays import Block, LaneDimension, block_chains, block_shape
+from jaxshroud.io.unfinished_store import LaneDimension, Unfinished, open_unfinished, store_identity
 from jaxshroud.model.modes import Status
-from jaxshroud.model.prepared import State
 from jaxshroud.results.base import result_from_dataset
 from jaxshroud.results.sweep import DIRECTION, SweepResult, compare_directions, in_direction, sweep_coordinates
 from jaxshroud.scene.layout import SINGLE_DIRECTIONS, Direction
 from jaxshroud.scene.text import words_of
 from jaxshroud.verbs.cluster import compute_on_workers, connected_client, machine_identity, worker_identity
-from jaxshroud.verbs.sweep_block import (
-    BlockTask,
-    Chain,
-    ComputedBlock,
-    compute_in_process,
-    handover_from,
-    part_of_grid,
-    select_block,
-)
-from jaxshroud.verbs.sweep_run import MAX_LANES_AT_ONCE, Grid, SweepSettings, lane_periods
+from jaxshroud.verbs.sweep_block import Chain, SweepTask, compute_in_process
+from jaxshroud.verbs.sweep_run import MAX_LANES_AT_ONCE, Grid
 
-STRETCH_SECONDS = 2.0  # that a stretch of values takes, if it has more than one: the time that a kill may cost
-MIN_BLOCK_LANES, MAX_BLOCKS = 1024, 16  # a larger sweep has about this many blocks, none smaller
-MIN_SENT_LANES, MAX_SENT_BLOCKS = 512, 128  # the same where workers compute the blocks
-MAX_BLOCK_BYTES = 2**28  # of a block's samples in memory
-MAX_BLOCK_STEPS = 2**22  # of one lane in a block of continued values: a few seconds, which a kill may cost
+if TYPE_CHECKING:
+    import xarray as xr
+
+STRETCH_SECONDS = 2.0  # that some continued values take, if they are more than one: the time that a kill may cost
+MIN_PART_LANES, MAX_PARTS = 1024, 16  # a larger sweep is computed in about this many parts, none smaller
+MIN_SENT_LANES, MAX_SENT_PARTS = 512, 128  # the same where workers compute them
+MAX_BLOCKS = 9  # of a larger sweep, with a file for each of some fifty variables; those of workers are parts
+MAX_BLOCK_BYTES = 2**28  # of a part in memory, and of a block on disk
 SIZE_SEPARATOR = " x "
-
-KeepRecord = Callable[[Record], None]
 
 
 @dataclass
-class Pace:
-    """The time that one continued value took lately."""
-
-    seconds: float = np.inf
-
-    @property
-    def values(self) -> int:
-        """The number of values in a stretch."""
-        return max(int(STRETCH_SECONDS / self.seconds), 1)
-
-
-def run_in_stretches(
-    task: BlockTask, kept: Record | None, keep: KeepRecord, pace: Pace
-) -> Generator[BlockTask, ComputedBlock, ComputedBlock]:
-    """Compute a block of a forward or backward sweep in stretches of a few values.
-
-    Args:
-        task: The task of the whole block.
-        kept: The record that an earlier process kept of the block's first values.
-        keep: Called with the record of all values so far after every stretch but the last.
-        pace: The time per value; updated.
-
-    Returns:
-        The block, as if it were computed at once.
-    """
-    grid = task.grid
-    along = len(task.grid.resolved.shape)
-    n = grid.shape[along]
-    backward = task.direction == "backward"
-    record = dict(kept or {"done": np.array(0), "chatter": np.array("")})
-    done = int(record["done"])
-    handover = handover_from(record, grid) if kept else task.handover
-    while True:
-        stop = min(done + pace.values, n)
-        values = slice(n - stop, n - done) if backward else slice(done, stop)
-        at = [values if i == along else slice(0, m) for i, m in enumerate(grid.shape)]
-        began = time.perf_counter()
-        computed = yield task.part(at, handover)
-        pace.seconds = (time.perf_counter() - began) / (stop - done)
-        data = join_along(record, computed.result.data, along, backward=backward) if done else computed.result.data
-        is_first = _has_first_chatter(data["status"].to_numpy(), along, values, backward=backward)
-        record = {**computed.record, "chatter": (computed.record if is_first else record)["chatter"]}
-        if stop == n:
-            return ComputedBlock(SweepResult(data), record)
-        done = stop
-        handover = handover_from(record, grid)
-        record |= {"done": np.array(done), **{NUMBER + str(name): a.to_numpy() for name, a in data.items()}}
-        keep(record)
-
-
-def _has_first_chatter(status: np.ndarray, along: int, values: slice, *, backward: bool) -> bool:
-    """Whether the first lane with TOO_MANY_EVENTS is in the latest stretch, or there is no such lane."""
-    places = np.argwhere(status == Status.TOO_MANY_EVENTS)
-    latest = slice(values.stop - values.start) if backward else values
-    return not len(places) or latest.start <= places[0][along] < latest.stop
-
-
-class SweepTask(NamedTuple):
-    """A sweep in one direction or in all of them."""
-
-    grid: Grid
-    states: State | None  # initial states of the lanes; None: those of their scenes
-    direction: Direction
-    settings: SweepSettings
-
-    @property
-    def directions(self) -> tuple[Direction, ...]:
-        """The single directions that it consists of."""
-        return SINGLE_DIRECTIONS if self.direction == "both" else (self.direction,)
-
-    def tick(self, lanes: int) -> None:
-        """Report `lanes` more as done."""
-        self.settings.ticker(lanes * lane_periods(self.settings.plan, self.grid.precise is not None))
-
-
-class StoredRun(NamedTuple):
+class StoredRun:
     """A sweep that is being written to a store."""
 
     sweep: SweepTask
     store: Unfinished
-    sizes: tuple[int, ...]  # of blocks
-    on_workers: bool
-    chatter: dict[tuple[int, ...], str]  # reports on events that alternate, by the places of blocks
-    pace: Pace
-
-    def is_whole(self, direction: Direction) -> bool:
-        """Whether blocks are computed as a whole: workers cannot keep records of stretches."""
-        return self.on_workers or direction == "independent"
+    sizes: Sequence[int]  # of blocks
+    at_once: int  # lanes
+    seconds: float = np.inf  # that one continued value took lately
+    reports: list[Report] = field(default_factory=list)
 
 
 def store_sweep(sweep: SweepTask, path: Path, scheduler: str | None = None) -> SweepResult:
@@ -145,7 +58,7 @@ def store_sweep(sweep: SweepTask, path: Path, scheduler: str | None = None) -> S
     Args:
         sweep: The sweep.
         path: The folder of the store, which may exist.
-        scheduler: The scheduler of the workers that compute the blocks, see `connected_client`; None: this process.
+        scheduler: The scheduler of the workers that compute the parts, see `connected_client`; None: this process.
 
     Raises:
         StoreError: The store is of something else, or in use.
@@ -153,66 +66,69 @@ def store_sweep(sweep: SweepTask, path: Path, scheduler: str | None = None) -> S
         MachineError: The scheduler cannot be reached.
         Interrupted: Ctrl-C; `done` is the stored part of the result, None if there is none.
     """
-    lanes, precise = jax.tree.map(np.asarray, (sweep.grid.lanes, sweep.grid.precise))
-    sweep = sweep._replace(grid=sweep.grid._replace(lanes=lanes, precise=precise))
     grid = sweep.grid
-    period = sweep.settings.plan.transient + 1 + np.arange(sweep.settings.plan.kept)
+    lanes, precise, states = jax.tree.map(np.asarray, (grid.lanes, grid.precise, sweep.states))
+    grid = grid._replace(lanes=lanes, precise=precise)
+    sweep = sweep._replace(grid=grid, states=states)
+    plan = sweep.settings.plan
     with nullcontext() if scheduler is None else connected_client(scheduler) as client:
         identity = machine_identity() if client is None else worker_identity(client)
-        sizes = _stored_block_sizes(path, len(grid.shape)) or block_sizes(sweep, on_workers=client is not None)
-        attributes = _identity(sweep) | identity | {"blocks": SIZE_SEPARATOR.join(map(str, sizes))}
+        at_once = lanes_at_once(sweep, on_workers=client is not None)
+        sizes = _stored_block_sizes(path, len(grid.shape)) or block_sizes(sweep, at_once, on_workers=client is not None)
+        about = _identity(sweep) | identity | {"blocks": SIZE_SEPARATOR.join(map(str, sizes))}
         dimensions = dict(zip(grid.dims, map(LaneDimension, grid.shape, sizes), strict=True))
-        coords = sweep_coordinates(grid.axes, period, grid.lanes.layout)
+        coords = sweep_coordinates(grid.axes, plan.transient + 1 + np.arange(plan.kept), lanes.layout)
         if len(sweep.directions) > 1:
             dimensions = {DIRECTION: LaneDimension(len(SINGLE_DIRECTIONS), 1), **dimensions}
             coords = {DIRECTION: list(SINGLE_DIRECTIONS), **coords}
-        with open_unfinished(path, dimensions, attributes, coords) as store:
-            run = StoredRun(sweep, store, sizes, client is not None, {}, Pace())
+        with open_unfinished(path, dimensions, about, coords) as store:
+            run = StoredRun(sweep, store, sizes, at_once)
             try:
                 if client is None:
                     compute_in_process(_chains(run))
                 else:
-                    compute_on_workers(_chains(run), client, identity, sweep.tick)
+                    compute_on_workers(_chains(run), client, identity)
             except KeyboardInterrupt:
-                raise Interrupted(_stored_result(path) if store.has_arrays else None) from None
-            chatter = next((run.chatter[place] for place in sorted(run.chatter) if run.chatter[place]), "")
-            final = {"complete": 1, **({"chatter": chatter} if chatter else {})}
-            store.finish(final, compare_directions(read(path, checked=False)))
+                raise Interrupted(_stored_result(path) if store.arrays else None) from None
+            chatter = {"chatter": min(run.reports)[1]} if run.reports else {}
+            store.finish({"complete": 1, **chatter}, compare_directions(read(path, checked=False)))
     return _stored_result(path)
 
 
-def block_sizes(sweep: SweepTask, *, on_workers: bool) -> tuple[int, ...]:
-    """The lanes of a block along each axis: some thousands in all, or, of continued values, as few as a kill may cost.
+def lanes_at_once(sweep: SweepTask, *, on_workers: bool) -> int:
+    """The lanes of a part: some thousands, fewer for workers, so that any number of workers has something to do."""
+    min_lanes, max_parts = (MIN_SENT_LANES, MAX_SENT_PARTS) if on_workers else (MIN_PART_LANES, MAX_PARTS)
+    in_memory = MAX_BLOCK_BYTES // (sweep.settings.plan.kept * SAMPLE_BYTES)
+    size = min(MAX_LANES_AT_ONCE, in_memory, max(min_lanes, sweep.lanes // max_parts))
+    return max(size // LANES_PER_CALL, 1) * LANES_PER_CALL
 
-    Blocks for workers are smaller, so that any number of workers has something to do.
+
+def block_sizes(sweep: SweepTask, at_once: int, *, on_workers: bool) -> tuple[int, ...]:
+    """The lanes of a block along each axis: a part or, in this process, several parts along the axis of the sweep."""
+    others = list(sweep.grid.shape)
+    n = others.pop(sweep.along)
+    values, *sizes = _part_sizes((n, *others), at_once)
+    if not on_workers:
+        kept, blades = sweep.settings.plan.kept, sweep.grid.lanes.layout.blades
+        lane_bytes = results_size(1, kept, samples=sweep.settings.keep_samples, blades=blades)
+        most = min(sweep.lanes * len(sweep.directions) // MAX_BLOCKS + 1, MAX_BLOCK_BYTES // lane_bytes)
+        values = min(n, values * max(-(-most // (values * math.prod(sizes))), 1))
+    sizes.insert(sweep.along, values)
+    return tuple(sizes)
+
+
+def _part_sizes(shape: Sequence[int], lanes: int) -> list[int]:
+    """The sizes of parts of a grid of lanes, which extend as far as possible along the last axes.
+
+    No part is a single lane, which another program would run and round.
     """
-    plan, shape = sweep.settings.plan, sweep.grid.shape
-    min_lanes, max_blocks = (MIN_SENT_LANES, MAX_SENT_BLOCKS) if on_workers else (MIN_BLOCK_LANES, MAX_BLOCKS)
-    lanes_in_memory = MAX_BLOCK_BYTES // (plan.kept * SAMPLE_BYTES)
-    size = min(MAX_LANES_AT_ONCE, lanes_in_memory, max(min_lanes, math.prod(shape) // max_blocks))
-    size = max(size // LANES_PER_CALL, 1) * LANES_PER_CALL
-    if sweep.direction == "independent":
-        return _block_sizes(shape, size)
-    first = len(sweep.grid.resolved.shape)
-    other_sizes = _block_sizes((*shape[:first], *shape[first + 1 :]), size)
-    lanes_per_value = math.prod(other_sizes)
-    periods = plan.transient + plan.kept
-    steps_per_value = plan.steps_per_period * periods * max(lanes_per_value / LANES_PER_CALL, 1.0)
-    values_in_memory = MAX_BLOCK_BYTES // (plan.kept * SAMPLE_BYTES * lanes_per_value)
-    max_values = max(min(LANES_PER_CALL, shape[first], values_in_memory), 1)
-    values = int(np.clip(MAX_BLOCK_STEPS / steps_per_value, 1, max_values))
-    if sweep.direction == "both":  # its independent lanes are run in whole chunks
-        values = next((n for n in range(max_values, 1, -1) if shape[first] % n != 1), max_values)
-    return (*other_sizes[:first], values, *other_sizes[first:])
-
-
-def _block_sizes(shape: Sequence[int], size: int) -> tuple[int, ...]:
-    """The lanes of a block along each axis. No block is a single lane, which another program would run and round."""
-    sizes = block_shape(shape, size)
-    while math.prod(shape) > 1 == math.prod(n % size or size for n, size in zip(shape, sizes, strict=True)):
-        size += LANES_PER_CALL
-        sizes = block_shape(shape, size)
-    return sizes
+    sizes = []
+    left = lanes
+    for n in reversed(shape):
+        sizes.insert(0, min(n, max(left, 1)))
+        left //= sizes[0]
+    is_single = math.prod(shape) > 1 == math.prod(n % size or size for n, size in zip(shape, sizes, strict=True))
+    return _part_sizes(shape, lanes + LANES_PER_CALL) if is_single else sizes
 
 
 def _stored_block_sizes(path: Path, axes: int) -> tuple[int, ...] | None:
@@ -222,44 +138,88 @@ def _stored_block_sizes(path: Path, axes: int) -> tuple[int, ...] | None:
 
 
 def _chains(run: StoredRun) -> Iterator[Chain]:
-    """The chains of all blocks; blocks that continue each other are in one chain. The longest chains come first."""
-    grid = run.sweep.grid
-    along = len(grid.resolved.shape) if grid.axes else 0
-    for direction in reversed(run.sweep.directions):
-        for blocks in block_chains(grid.shape, run.sizes, along, backward=direction == "backward"):
+    """The chains of all parts; parts that continue each other are in one chain. The longest chains come first."""
+    sweep = run.sweep
+    along = sweep.along
+    for direction in reversed(sweep.directions):
+        order = -1 if direction == "backward" else 1
+        axes = [
+            [slice(i, min(i + size, n)) for i in range(0, n, size)]
+            for n, size in zip(sweep.grid.shape, run.sizes, strict=True)
+        ]
+        inner = axes[along][::order]
+        axes[along] = [slice(None)]
+        for at in product(*axes):
+            blocks = [_with_lanes(at, along, lanes) for lanes in inner]
             for chain in [[block] for block in blocks] if direction == "independent" else [blocks]:
                 yield _chain(run, direction, chain)
 
 
-def _chain(run: StoredRun, direction: Direction, blocks: Sequence[Block]) -> Chain:
-    """Yield the tasks of blocks that are not stored yet, one after the other, and store their results."""
-    handover = SweepHandover()
+def _with_lanes(at: Lanes, axis: int, lanes: slice) -> Lanes:
+    return (*at[:axis], lanes, *at[axis + 1 :])
+
+
+def _chain(run: StoredRun, direction: Direction, blocks: Sequence[Lanes]) -> Chain:
+    """Yield the parts of blocks that are not stored yet, one after the other, and store their results."""
     sweep = run.sweep
-    directional = len(run.sweep.directions) > 1
-    settings = sweep.settings._replace(is_part=math.prod(sweep.grid.shape) > 1)
+    along = sweep.along
+    is_directional = len(sweep.directions) > 1
+    way = SINGLE_DIRECTIONS.index(direction)
+    prefix = (slice(way, way + 1),) if is_directional else ()
+    handover = SweepHandover()
     for block in blocks:
-        stored_block = block.within(SINGLE_DIRECTIONS.index(direction)) if directional else block
-        record = run.store.record(stored_block)
-        if record is None:
-            states = select_block(sweep.states, block.at, sweep.grid.shape)
-            task = BlockTask(part_of_grid(sweep.grid, block.at), states, direction, settings, handover)
-            at_once = run.is_whole(direction)
-            result, record = (yield task) if at_once else (yield from _resumed_stretches(run, stored_block, task))
-            run.store.write(stored_block, in_direction(result.data, direction) if directional else result.data, record)
-        else:
-            sweep.tick(block.lanes)
-        handover = handover_from(record, sweep.grid)
-        run.chatter[stored_block.place] = str(record["chatter"])
+        whole = block[along]
+        n = whole.stop - whole.start
+        lanes_per_value = math.prod(lanes.stop - lanes.start for lanes in block) // n
+
+        def lanes_between(first: int, last: int, whole: slice = whole) -> slice:  # counted in the direction
+            if direction == "backward":
+                return slice(whole.stop - last, whole.stop - first)
+            return slice(whole.start + first, whole.start + last)
+
+        record = run.store.begun((*prefix, *block))
+        done = 0
+        report = None
+        if record is not None:
+            done = record.at[len(prefix) + along].stop - record.at[len(prefix) + along].start
+            sweep.tick(done * lanes_per_value)
+            handover = _handover(record, sweep.grid)
+            report = record.report
+        while done < n:
+            values = max(run.at_once // lanes_per_value, 1)
+            if direction != "independent":
+                values = min(values, max(int(STRETCH_SECONDS / run.seconds), 1))
+            stop = min(done + values, n)
+            if (n - stop) * lanes_per_value == 1:
+                stop = n
+            at = _with_lanes(block, along, lanes_between(done, stop))
+            result, handover, seconds = yield sweep.part(at, direction), handover
+            if direction != "independent":
+                run.seconds = seconds / (stop - done)
+            done = stop
+            data = in_direction(result.data, direction) if is_directional else result.data
+            at = (*prefix, *at)
+            report = min(filter(None, (report, _first_report(data, at))), default=None)
+            finished = (*prefix, *_with_lanes(block, along, lanes_between(0, done)))
+            leaves = jax.tree.leaves((handover.state, handover.arrived))
+            run.store.write((*prefix, *block), at, data, BlockRecord(finished, report, leaves))
+        if report is not None:
+            run.reports.append(report)
 
 
-def _resumed_stretches(
-    run: StoredRun, place: Block, task: BlockTask
-) -> Generator[BlockTask, ComputedBlock, ComputedBlock]:
-    """Compute a block of continued values, which an earlier process may have begun."""
-    kept = run.store.kept(place)
-    if kept is not None:
-        run.sweep.tick(int(kept["done"]) * math.prod(task.grid.shape) // task.grid.shape[len(task.grid.resolved.shape)])
-    return (yield from run_in_stretches(task, kept, lambda record: run.store.keep(place, record), run.pace))
+def _first_report(data: "xr.Dataset", at: Lanes) -> Report | None:
+    """The report that a part has, and removes from its attributes."""
+    text = data.attrs.pop("chatter", None)
+    if text is None:
+        return None
+    first = np.argwhere(data["status"].to_numpy() == Status.TOO_MANY_EVENTS)[0]
+    return [[int(i) + lanes.start for i, lanes in zip(first, at, strict=True)], text]
+
+
+def _handover(record: BlockRecord, grid: Grid) -> SweepHandover:
+    """The handover to the next lanes."""
+    structure = jax.tree.structure((initial_states(jax.tree.map(lambda a: a[:1], grid.lanes)), 0))
+    return SweepHandover(*jax.tree.unflatten(structure, record.handover)) if record.handover else SweepHandover()
 
 
 def _identity(sweep: SweepTask) -> dict[str, str]:

@@ -14,11 +14,11 @@ import numpy as np
 import xarray as xr
 import zarr  # noqa: F401  (likewise)
 
-from jaxshroud.io.unfinished_store import open_unfinished, write_attributes
-from jaxshroud.io.zarr_arrays import Block, LaneDimension
+from jaxshroud.io.block_records import BlockRecord
+from jaxshroud.io.unfinished_store import LaneDimension, open_unfinished, write_attributes
 
 LANES, SIZE = 4, 2
-BLOCKS = [Block((i,), (slice(SIZE * i, SIZE * (i + 1)),)) for i in range(LANES // SIZE)]
+BLOCKS = [slice(first, first + SIZE) for first in range(0, LANES, SIZE)]  # of lanes, each of which is a part
 replace = os.replace
 
 
@@ -33,11 +33,12 @@ def store(path: Path) -> None:
     """A store begun, or gone on with, to its end."""
     coords = {"gamma": np.arange(LANES), "period": np.arange(3), "way": ["one", "two"]}
     with open_unfinished(path, {"gamma": LaneDimension(LANES, SIZE)}, {"of": "a test"}, coords) as held:
-        for number, part in enumerate(BLOCKS):
-            if held.record(part) is None:
-                held.kept(part)
-                held.keep(part, {"done": np.array(1)})
-                held.write(part, block(number), {"chatter": np.array("")})
+        for number, lanes in enumerate(BLOCKS):
+            record = held.begun((lanes,))
+            for lane in range(lanes.start if record is None else record.at[0].stop, lanes.stop):
+                part = block(number).isel(gamma=[lane - lanes.start])
+                done = BlockRecord((slice(lanes.start, lane + 1),), None, [])
+                held.write((lanes,), (slice(lane, lane + 1),), part, done)
         held.finish({"complete": 1}, {"jump": xr.Variable("gamma", np.zeros(LANES, np.int8))})
     write_attributes(path, {"title": "a test"})
 
