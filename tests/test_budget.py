@@ -38,6 +38,12 @@ def test_unlike_assignments_are_found():
         assert any(map(house_budget.is_unlike, house_budget.ast.walk(house_budget.ast.parse(text)))) is unlike, text
 
 
+def test_records_that_splats_fill_are_found():
+    record = "class Pair(NamedTuple):\n    a: int\n    b: int\n"
+    for call, splats in {"Pair(*x)": 1, "Pair(1, *x)": 1, "Pair(1, b=2)": 0, "Pair._make(x)": 0, "f(*x)": 0}.items():
+        assert house_budget.splats_into_records([house_budget.ast.parse(record + call)]) == splats, call
+
+
 def test_what_is_overdrawn_is_told():
     budget = {"most": {"modules": 3}, "least": {"annotated arguments": 900}, "features": []}
     assert house_budget.overdrawn({"modules": 3, "annotated arguments": 900}, budget) == []

@@ -172,8 +172,9 @@ class Centre:
         """A window within the range of its key."""
         number = next(n for n in number_fields(self.owner.exploration.file) if n.key.name == self.window.key)
         low = number.key.range.minimum if not number.key.range.open else min(number.ends[0], stop / 2)
-        low, high = max(start, low), min(stop, number.key.range.maximum)
-        return Window(self.window.key, few_digits(number.key, low), few_digits(number.key, high))
+        start = few_digits(number.key, max(start, low))
+        stop = few_digits(number.key, min(stop, number.key.range.maximum))
+        return Window(self.window.key, start, stop)
 
     def _scale(self, by: float) -> None:
         """Zoom around the value whose motion is shown, or around the middle."""

@@ -107,7 +107,7 @@ def arrays_checksum(store: Path, names: Mapping[str, Any]) -> str:
     for name in (*names[BLOCKED], *names[OTHERS]):
         total.update(_content(store / name / DESCRIPTION_FILE))
     for array in _opened(store, names[OTHERS]).values():
-        total.update(repr(array[...].tolist()).encode())
+        total.update(repr(np.asarray(array[...]).tolist()).encode())
     return total.hexdigest()
 
 

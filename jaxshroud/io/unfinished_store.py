@@ -205,8 +205,8 @@ class Unfinished:
         kind = variable.dtype.kind
         array = zarr.create_array(
             store=self.path / name,
-            shape=[n for n, _ in sizes] or variable.shape,
-            chunks=[block for _, block in sizes] or variable.shape,
+            shape=tuple(n for n, _ in sizes) or variable.shape,
+            chunks=tuple(block for _, block in sizes) or variable.shape,
             dtype=str if kind == "U" else variable.dtype,
             fill_value=Status.NOT_RUN if name == "status" else {"f": np.nan, "U": ""}.get(kind, 0),
             dimension_names=[*map(str, variable.dims)],

@@ -193,11 +193,13 @@ def _chain(run: StoredRun, direction: Direction, blocks: Sequence[Lanes]) -> Cha
             if (n - stop) * lanes_per_value == 1:
                 stop = n
             at = _with_lanes(block, along, lanes_between(done, stop))
-            result, handover, seconds = yield sweep.part(at, direction), handover
+            computed = yield sweep.part(at, direction), handover
+            assert computed is not None
+            handover = computed.handover
             if direction != "independent":
-                run.seconds = seconds / (stop - done)
+                run.seconds = computed.seconds / (stop - done)
             done = stop
-            data = in_direction(result.data, direction) if is_directional else result.data
+            data = in_direction(computed.result.data, direction) if is_directional else computed.result.data
             at = (*prefix, *at)
             report = min(filter(None, (report, _first_report(data, at))), default=None)
             finished = (*prefix, *_with_lanes(block, along, lanes_between(0, done)))
@@ -218,8 +220,11 @@ def _first_report(data: "xr.Dataset", at: Lanes) -> Report | None:
 
 def _handover(record: BlockRecord, grid: Grid) -> SweepHandover:
     """The handover to the next lanes."""
+    if not record.handover:
+        return SweepHandover()
     structure = jax.tree.structure((initial_states(jax.tree.map(lambda a: a[:1], grid.lanes)), 0))
-    return SweepHandover(*jax.tree.unflatten(structure, record.handover)) if record.handover else SweepHandover()
+    state, arrived = jax.tree.unflatten(structure, record.handover)
+    return SweepHandover(state=state, arrived=arrived)
 
 
 def _identity(sweep: SweepTask) -> dict[str, str]:

@@ -58,8 +58,13 @@ class SweepTask(NamedTuple):
         scene = jax.tree.map(lambda a: a[at[:outer]], grid.resolved.scene) if outer else grid.resolved.scene
         shape = tuple(part.stop - part.start for part in at[:outer])
         axes = {key: values[part] for (key, values), part in zip(grid.axes.items(), at[outer:], strict=True)}
-        arrays = lanes((grid.lanes, grid.precise, grid.numbers))
-        part = Grid(grid.resolved._replace(scene=scene, shape=shape), arrays[0], axes, *arrays[1:])
+        part = Grid(
+            resolved=grid.resolved._replace(scene=scene, shape=shape),
+            lanes=lanes(grid.lanes),
+            axes=axes,
+            precise=lanes(grid.precise),
+            numbers=lanes(grid.numbers),
+        )
         settings = self.settings._replace(is_part=self.lanes > 1)
         return SweepTask(part, lanes(self.states), direction, settings)
 

@@ -6,7 +6,8 @@ code smaller stores a lower budget; a feature that needs more adds a line to `fe
 Counted are the tokens of each folder of the package, of the tests, studies and benchmarks, without comments, ends of
 lines and indentation, and without annotations and the names of keyword arguments, which are worth their tokens; the
 bytes of .json, .html, .js and .css in the package; its modules; assignments such as `a, b = x, y(z)`, of several values
-whose right sides are not of one kind; and the share of annotated arguments, in parts per thousand, of which the least
+whose right sides are not of one kind; records such as `Record(*a, b)` that splats fill, of which there are none; and
+the share of annotated arguments, in parts per thousand, of which the least
 is stored, where of all others it is the most.
 """
 
@@ -102,6 +103,24 @@ def is_unlike(node: ast.AST) -> bool:
     return packed and not any(isinstance(v, ast.Starred) for v in values) and len({*map(kind_of, values)}) > 1
 
 
+def is_record(node: ast.AST) -> bool:
+    """Whether a node is the class of a record: a NamedTuple, a dataclass or a module of Equinox."""
+    if not isinstance(node, ast.ClassDef):
+        return False
+    bases = {base.split(".")[-1] for base in map(ast.unparse, node.bases)}
+    return bool(bases & {"NamedTuple", "Module"}) or any("dataclass" in ast.unparse(d) for d in node.decorator_list)
+
+
+def splats_into_records(trees: Iterable[ast.Module]) -> int:
+    """How many records of some sources are filled by position from what a splat gives."""
+    nodes = [node for tree in trees for node in ast.walk(tree)]
+    records = {node.name for node in nodes if isinstance(node, ast.ClassDef) and is_record(node)}
+    calls = [
+        node for node in nodes if isinstance(node, ast.Call) and any(isinstance(a, ast.Starred) for a in node.args)
+    ]
+    return sum(ast.unparse(call.func).split(".")[-1] in records for call in calls)
+
+
 def annotated_share(trees: Iterable[ast.Module]) -> int:
     """The share of arguments with an annotation, in parts per thousand."""
     functions = (node for tree in trees for node in ast.walk(tree) if isinstance(node, Functions))
@@ -131,6 +150,7 @@ def counts(root: Path = ROOT) -> dict[str, int]:
         **{f"unlike assignments of {room}": count for room, count in sorted(unlike.items())},
         "other bytes": sum(path.stat().st_size for path in others),
         "modules": sum(path.name != "__init__.py" for path in package),
+        "splats into records": splats_into_records(trees.values()),
         "annotated arguments": annotated_share(trees.values()),
     }
 
