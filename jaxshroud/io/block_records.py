@@ -24,14 +24,16 @@ if TYPE_CHECKING:
 RESUME, DESCRIPTION_FILE = "resume", "zarr.json"
 SWEEP, BLOCKED, OTHERS, CHECKSUM = "sweep", "arrays of blocks", "other arrays", "checksum"  # attributes of `resume`
 Lanes = tuple[slice, ...]  # along each dimension of a grid of lanes
-Report = list[Any]  # the first lane whose events alternate, as its place along each dimension, and what is said of it
+ChatterReport = list[
+    Any
+]  # the first lane whose events alternate, as its place along each dimension, and what is said of it
 
 
 class BlockRecord(NamedTuple):
     """The finished part of a block."""
 
     at: Lanes
-    report: Report | None
+    report: ChatterReport | None
     handover: Sequence[np.ndarray]  # to the lanes that continue from these
 
 

@@ -7,7 +7,6 @@ from contextlib import nullcontext
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import jax
 import numpy as np
@@ -17,7 +16,7 @@ from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.batch.runs import SweepHandover
 from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.threads import Interrupted
-from jaxshroud.io.block_records import BlockRecord, Lanes, Report
+from jaxshroud.io.block_records import BlockRecord, ChatterReport, Lanes
 from jaxshroud.io.store import read
 from jaxshroud.io.unfinished_store import LaneDimension, Unfinished, open_unfinished, store_identity
 from jaxshroud.model.modes import Status
@@ -28,9 +27,6 @@ from jaxshroud.scene.text import words_of
 from jaxshroud.verbs.cluster import compute_on_workers, connected_client, machine_identity, worker_identity
 from jaxshroud.verbs.sweep_block import Chain, SweepTask, compute_in_process
 from jaxshroud.verbs.sweep_run import MAX_LANES_AT_ONCE, Grid
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 STRETCH_SECONDS = 2.0  # that some continued values take, if they are more than one: the time that a kill may cost
 MIN_PART_LANES, MAX_PARTS = 1024, 16  # a larger sweep is computed in about this many parts, none smaller
@@ -49,7 +45,7 @@ class StoredRun:
     sizes: Sequence[int]  # of blocks
     at_once: int  # lanes
     seconds: float = np.inf  # that one continued value took lately
-    reports: list[Report] = field(default_factory=list)
+    reports: list[ChatterReport] = field(default_factory=list)
 
 
 def store_sweep(sweep: SweepTask, path: Path, scheduler: str | None = None) -> SweepResult:
@@ -199,9 +195,9 @@ def _chain(run: StoredRun, direction: Direction, blocks: Sequence[Lanes]) -> Cha
             if direction != "independent":
                 run.seconds = computed.seconds / (stop - done)
             done = stop
-            data = in_direction(computed.result.data, direction) if is_directional else computed.result.data
             at = (*prefix, *at)
-            report = min(filter(None, (report, _first_report(data, at))), default=None)
+            report = min(filter(None, (report, _first_report(computed.result, at))), default=None)
+            data = in_direction(computed.result.data, direction) if is_directional else computed.result.data
             finished = (*prefix, *_with_lanes(block, along, lanes_between(0, done)))
             leaves = jax.tree.leaves((handover.state, handover.arrived))
             run.store.write((*prefix, *block), at, data, BlockRecord(finished, report, leaves))
@@ -209,13 +205,14 @@ def _chain(run: StoredRun, direction: Direction, blocks: Sequence[Lanes]) -> Cha
             run.reports.append(report)
 
 
-def _first_report(data: "xr.Dataset", at: Lanes) -> Report | None:
-    """The report that a part has, and removes from its attributes."""
-    text = data.attrs.pop("chatter", None)
+def _first_report(result: SweepResult, at: Lanes) -> ChatterReport | None:
+    """The report that a part has, which is removed from its attributes."""
+    text = result.data.attrs.pop("chatter", None)
     if text is None:
         return None
-    first = np.argwhere(data["status"].to_numpy() == Status.TOO_MANY_EVENTS)[0]
-    return [[int(i) + lanes.start for i, lanes in zip(first, at, strict=True)], text]
+    first = np.argwhere(result.status == Status.TOO_MANY_EVENTS)[0]
+    offsets = [0] * (len(at) - len(first)) + first.tolist()  # the direction comes first
+    return [[lanes.start + i for lanes, i in zip(at, offsets, strict=True)], text]
 
 
 def _handover(record: BlockRecord, grid: Grid) -> SweepHandover:

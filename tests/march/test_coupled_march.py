@@ -59,7 +59,7 @@ def plain_end(scene, t_end, flow):
 START = ("initial.x=[1e-5, -2e-5, 3e-5]", "initial.v_theta=[0.1, 0, -0.2]")
 
 
-@pytest.mark.full(but=["ring", "pair"])
+@pytest.mark.full(but=["pair"])
 @pytest.mark.parametrize(
     ("name", "changes", "flow", "method"),
     [
@@ -130,6 +130,7 @@ FEEDING = (
 )
 
 
+@pytest.mark.full
 def test_free_decays_have_the_damping_of_each_nodal_diameter():
     scene = js.load("row_ring12", [*RING, *FEEDING]).scene
     told = {mode.nodal_diameter: mode for mode in js.check(scene).flow_modes}

@@ -35,6 +35,7 @@ def test_without_contact_the_equilibrium_is_the_static_position(name, changes):
     assert np.max(np.abs(found.q[0, 0] / (np.asarray(scene.drive.F_x_mean) / 1e5) - 1)) > 1e-2
 
 
+@pytest.mark.full(but=["pair"])
 @pytest.mark.parametrize(("name", "changes"), [("table1", ()), ("row_ring12", CHAIN)], ids=["pair", "chain"])
 def test_undriven_blades_stay_where_contact_and_coupling_balance(name, changes):
     scene = scene_of(name, *changes, "shroud.gap=-0.4 mm", "initial.start=static", "drive.F_0=0", "drive.M_0=0")
@@ -43,7 +44,7 @@ def test_undriven_blades_stay_where_contact_and_coupling_balance(name, changes):
     assert drift < 1e-12 * np.abs(np.asarray(run.motion.x)).max()
 
 
-@pytest.mark.full(but=["pair"])
+@pytest.mark.full
 @pytest.mark.parametrize(("name", "changes"), [("table1", ()), ("row_ring12", RING)], ids=["pair", "ring"])
 def test_stuck_contact_in_closed_form_is_what_the_march_settles_on(name, changes):
     damped = "blades.c_x=60", "blades.c_y=300", "shroud.gap=-2 mm", "drive.F_0=5", "initial.start=static"

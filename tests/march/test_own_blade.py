@@ -196,6 +196,7 @@ def test_a_march_is_that_of_a_plain_integrator(marched):
     assert np.all(error_of(lumped, wanted) > 0.05)
 
 
+@pytest.mark.full
 def test_power_is_compared_with_the_response_of_the_matrices():
     scene = eqx.tree_at(lambda s: s.shroud.gap, scene_with(matrices()), jnp.ones(N - 1))
     power = js.power(scene, n_periods=2, transient=60, method=js.RungeKutta("rk4", 400))

@@ -128,6 +128,7 @@ def counts(run, name):
     return np.asarray(run.samples.own[name]).reshape(len(GAMMAS), PERIODS, -1)
 
 
+@pytest.mark.full(but=["pair"])
 def test_an_event_is_counted_as_often_as_many_samples_rise_beyond_the_depth(layout):
     run, v = marched(layout), followed(layout).v
     for name, depth in depths(layout).items():

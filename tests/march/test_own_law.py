@@ -150,7 +150,7 @@ def furthest(a: Sample, b: Sample) -> float:
     return float(np.abs(a.motion.x - b.motion.x).max() / np.abs(b.motion.x).max())
 
 
-@pytest.mark.full(but=["pair"])
+@pytest.mark.full
 @pytest.mark.parametrize("layout", SCENES)
 def test_the_energy_of_a_cubic_spring_balances(layout):
     assert imbalance(marched(layout)) < 1e-9

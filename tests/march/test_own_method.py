@@ -102,6 +102,7 @@ def error(layout, steps, method=OWN):
     return np.abs(got - want).max() / np.abs(want).max()
 
 
+@pytest.mark.full(but=["pair"])
 def test_the_error_of_heuns_method_falls_with_the_square_of_the_step(layout):
     assert 3.4 < error(layout, COARSE) / error(layout, STEPS) < 4.6
     # Control: a method of fourth order is a hundred times as accurate, and its error falls sixteenfold.

@@ -252,7 +252,7 @@ def test_blades_without_contact_are_apart_all_the_time(table1):
 
 
 @pytest.mark.release(only=["none"])
-@pytest.mark.full(but=["spring"])
+@pytest.mark.full
 @pytest.mark.parametrize("contact", ["spring", "none"])
 def test_a_motion_whose_energy_overflows_has_stopped(table1, contact):
     # The numbers of the state are finite, their squares are not, in float32.

@@ -34,7 +34,7 @@ def numbers(result, *names):
 NAMES = ("final_P", "x_mean", "x_rms", "x_peak", "y_rms", "y_peak", "N_max", "N_mean", "F_max")
 
 
-@pytest.mark.full(but=["pair"])
+@pytest.mark.full
 @pytest.mark.parametrize(("name", "settings"), [("table1", STUCK), ("row_ring12", RING)], ids=["pair", "ring"])
 def test_the_closed_form_is_where_the_march_settles(name, settings):
     scene = js.load(name, [*settings, "initial.start=static"]).scene
@@ -97,6 +97,7 @@ def test_tuning_and_tables_take_the_closed_form():
     np.testing.assert_allclose(rows.x_peak[1], numbers(closed(scene), "x_peak"), rtol=1e-12)
 
 
+@pytest.mark.full
 def test_a_response_has_the_peaks_of_the_closed_form():
     scene = stuck("drive.F_0=0.02")
     found = js.response(scene, "drive.omega", 2500.0, 6000.0, num=40, linear="stuck", **SHORT)

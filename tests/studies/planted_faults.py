@@ -225,8 +225,8 @@ FAULTS = {
     ),
     "a resumed block again": Fault(
         "verbs/stored.py",
-        "if record is None:\n            states",
-        "if True:\n            states",
+        "if record is not None:\n            done =",
+        "if record is not None and not block:\n            done =",
         "verbs/test_stored.py",
     ),
     "slip takes no energy": Fault(

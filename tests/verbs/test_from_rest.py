@@ -47,6 +47,7 @@ def numbers(result):
     return np.concatenate([np.ravel(np.asarray(result.data[name], float)) for name in names])
 
 
+@pytest.mark.full
 def test_the_closed_form_holds_the_sliders_of_the_start():
     scene = scene_with("blades.c_x=40", "blades.c_y=200")
     wanted = {"amplitudes": True, "forces": True}

@@ -69,7 +69,7 @@ def assert_equal_runs(scene_file, states=1e-12, others=1e-9):
     assert not worst
 
 
-@pytest.mark.full(but=["4-3"])
+@pytest.mark.full
 @pytest.mark.parametrize(("order", "blades"), [(3, 4), (4, 3), (6, 2)])
 def test_a_small_ring_moves_as_the_whole_one(order, blades):
     scene_file = ring(f"drive.engine_order={order}")
@@ -299,7 +299,7 @@ def test_what_makes_blades_unlike_is_refused_by_verbs(tmp_path, monkeypatch, cap
         assert UNLIKE in told[0]
 
 
-@pytest.mark.full(but=["P_d_worst"])
+@pytest.mark.full
 @pytest.mark.parametrize("of", ["P_d_worst", "P", "x_rms"])
 def test_designs_are_tuned_by_their_sector(of, monkeypatch):
     over = {"shroud.gap": (1e-5, 4e-5), "friction.mu": (0.2, 0.4)}
