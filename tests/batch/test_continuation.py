@@ -45,6 +45,7 @@ def test_the_next_value_goes_on_from_the_last_sample(scene, direction):
     np.testing.assert_allclose(after[0], before[-1], rtol=0, atol=1e-8 * np.abs(x).max())
 
 
+@pytest.mark.full
 def test_a_lead_in_from_another_phase_kicks_the_branch(scenes):
     # Control: the same state taken as one at phase 0, which it is not.
     plan = Plan(0, 40, STEPS, PHASE, FAST)
@@ -56,6 +57,7 @@ def test_a_lead_in_from_another_phase_kicks_the_branch(scenes):
         assert kick < 1e-8 if off == 0 else kick > off
 
 
+@pytest.mark.full
 def test_lanes_that_start_afresh_are_led_in_beside_those_that_go_on(scenes):
     plan = Plan(1, 3, STEPS, PHASE, FAST)
     end = final_states(run_lanes(scenes, initial_states(scenes), plan, quiet).last.state)

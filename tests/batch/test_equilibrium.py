@@ -35,7 +35,7 @@ def test_no_force_is_left_over(scene):
     assert found.found == 1
 
 
-@pytest.mark.full(but=["x and y"])
+@pytest.mark.full
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
 def test_undriven_blades_stay(scene):
     method = js.RungeKutta("dopri8", steps=300)

@@ -238,6 +238,7 @@ def test_where_blades_slip_they_begin_elsewhere_than_without_friction():
     np.testing.assert_allclose(force, float(scene.friction.mu) * at.N[0, 0, 0], rtol=1e-12)
 
 
+@pytest.mark.full
 def test_lanes_are_led_alike_together_and_alone():
     scenes = [loaded(*SCENES["two pressed"], f"friction.mu={mu}") for mu in (0.0, 0.1, 0.3, 0.8)]
     together = loaded_equilibria(lanes_of(*scenes))

@@ -89,6 +89,7 @@ def test_a_march_without_contact_is_that_of_a_plain_integrator(name, changes, fl
     assert np.max(np.abs(plain_end(bare, PERIODS * float(scene.drive.period), ()) - want)) > 1e-3 * np.max(np.abs(want))
 
 
+@pytest.mark.full
 def test_the_energy_of_a_coupled_pair_in_contact_balances():
     pair = js.load("table1", ['parts.motion=["x", "y"]', *SPRINGS])
     run = js.simulate(pair, n_periods=PERIODS, method=METHOD)
@@ -168,6 +169,7 @@ def test_check_tells_what_the_flow_feeds():
     assert min(mode.zeta for mode in mistuned.flow_modes) > min(mode.zeta for mode in sheet.flow_modes)
 
 
+@pytest.mark.full
 def test_contact_bounds_a_wave_that_the_flow_feeds():
     file = js.load("row_ring6_flutter", ["initial.x=[90 um, 45 um, -45 um, -90 um, -45 um, 45 um]"])
     run = js.simulate(file, n_periods=60, method=js.RungeKutta("rk4", 100))

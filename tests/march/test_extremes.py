@@ -77,6 +77,7 @@ def test_the_second_opinion_agrees_at_every_single_extreme(table1):
     assert compared >= 45
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("gamma", [0.0, 2.5, 1e4])
 def test_steps_just_below_and_above_the_limit(table1, gamma):
     scene = vary(table1, "contact.gamma", gamma)

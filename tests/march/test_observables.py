@@ -96,6 +96,7 @@ def test_equations_of_motion_close_with_the_stored_forces(misprints):
     assert seen == {(case, mode) for case in (1, 2, 3, 4) for mode in (1, 2, 3)}
 
 
+@pytest.mark.full
 def test_flat_contact_acts_where_both_blocks_turn_alike():
     of = Sampled(reference.table1(**REALISTIC))
     flat = of.run.case[of.loaded] == FLAT

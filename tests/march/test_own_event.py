@@ -147,6 +147,7 @@ def test_an_event_at_the_instant_of_an_onset_is_counted_beside_it(layout):
     np.testing.assert_array_equal(counts(run, "onset")[:, -1], np.reshape(onsets, (len(GAMMAS), -1)))
 
 
+@pytest.mark.full(but=["pair"])
 def test_an_event_without_a_transition_does_not_change_the_motion(layout):
     true = followed(layout).x[:, FINE::FINE]
     x, plain = (np.reshape(run.samples.motion.x, true.shape) for run in (marched(layout), marched(layout, ())))
@@ -241,6 +242,7 @@ def test_events_are_counted_where_blocks_rub_and_turn(name):
     assert len(set(got)) == len(levels)
 
 
+@pytest.mark.full
 def test_an_event_does_not_happen_where_a_march_begins_beyond_it():
     scene = js.load("table1", list(SMOOTH_X)).scene
     scenes = scenes_at(scene, ["contact.gamma"], np.array([[2.5]]))

@@ -109,6 +109,7 @@ def test_the_power_reduction_is_that_of_independent_marches(points, M_0, P_d):
     assert abs(np.ravel(found.P_d)[0] - P_d) < 1e-5
 
 
+@pytest.mark.full
 def test_the_run_goes_on_from_its_last_state():
     scene = scene_with(3, *LIGHT)
     whole = js.simulate(scene, n_periods=2, method=METHOD)

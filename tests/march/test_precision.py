@@ -124,6 +124,7 @@ def test_an_orbit_in_float32_closes(scene):
     )
 
 
+@pytest.mark.full
 def test_threads_compute_in_the_precision_of_their_caller(scene):
     run = lambda: sweep_verb(scene, {"contact.gamma": [1.0, 2.0]}, n_periods=2, method=js.RungeKutta(steps=100)).motion
     expected = run()

@@ -51,7 +51,7 @@ def motions(method, *overrides):
 
 
 @pytest.mark.parametrize("name", ["rk4", "series", "row"])
-@pytest.mark.full(but=["rk4"])
+@pytest.mark.full
 def test_both_forms_of_one_drive_move_the_blades_alike(name):
     row = ("row.blades=3", "row.closed=true", "drive.engine_order=1") if name == "row" else ()
     method = js.Taylor(tolerance=1e-10) if name == "series" else js.RungeKutta(steps=200)

@@ -123,6 +123,7 @@ def test_gradients_by_mean_loads_are_differences():
             np.testing.assert_allclose(found.value[key], slope, rtol=1e-6, atol=1e-9 * abs(found.level))
 
 
+@pytest.mark.full
 def test_check_tells_the_static_gap_and_contacts_that_stay_open():
     sheet = js.check(under(table1("drive.F_0=1", "drive.M_0=0.01"), F_x_mean=[-50.0, 50.0]))
     assert sheet.static_gaps == pytest.approx((22e-6 + 1e-3,))

@@ -185,7 +185,7 @@ def error_of(found, opinion):
     return np.max(np.abs(found - opinion), axis=0) / np.max(np.abs(opinion), axis=0)
 
 
-@pytest.mark.full(but=["rk4"])
+@pytest.mark.full
 @pytest.mark.parametrize("name", METHODS)
 def test_a_pair_in_contact_is_that_of_a_plain_integrator(name, opinion):
     # Three periods from rest with some dozens of events. Both march to about 1e-11; contact lets that grow.

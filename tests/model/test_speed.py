@@ -271,6 +271,7 @@ def test_crossings_are_where_natural_frequencies_at_that_speed_are_multiples_of_
         np.testing.assert_allclose(speed, wanted if wanted > ends else np.nan, rtol=1e-13)
 
 
+@pytest.mark.full
 def test_lines_in_contact_end_where_untwist_parts_the_faces():
     sheet = js.check(growing_pair(), stop=300.0)
     ((start, end),) = sheet.over_speed.pressed
@@ -298,6 +299,7 @@ def test_a_range_beyond_a_stable_stiffness_is_refused():
         js.check(scene, stop=600.0)
 
 
+@pytest.mark.full
 def test_the_gaps_of_lanes_of_rows_are_those_of_each():
     ring = ["row.blades=3", "drive.engine_order=1", "shroud.gap_at=30 um", "shroud.gap_at_speed=400"]
     alone = [js.vary(js.load("row_ring12", ring).scene, "drive.omega", omega) for omega in (500.0, 540.0)]

@@ -42,6 +42,7 @@ def batches(monkeypatch):
     return seen
 
 
+@pytest.mark.full
 def test_what_lanes_want_alike_is_computed_at_once(batches):
     tangents = Derivatives(TangentProblem(SCENE, STATE), 1, 50, FAST)
     found = run_together([asking(periods(1)), asking(periods(2)), asking(periods(1), tangents), asking(tangents)])

@@ -65,6 +65,7 @@ def test_a_lane_whose_contact_leaves_its_state_stops():
     assert np.isnan(found.final["P_d"])
 
 
+@pytest.mark.full
 def test_derivatives_are_those_of_the_closed_form():
     scene, keys = stuck(), ["contact.gamma", "drive.omega"]
     found = js.gradient(scene, keys, of="x_peak", linear="stuck")
@@ -149,7 +150,7 @@ def test_with_torsion_the_error_falls_with_the_loads():
 
 
 @pytest.mark.parametrize("verb", ["power", "gradient"])
-@pytest.mark.full(but=["power"])
+@pytest.mark.full
 def test_nothing_is_solved_within_compiled_programs(verb, monkeypatch):
     # Those of jaxlib that solve many systems at once may wait for each other without end, as for 60 blades they did.
     def refuse(*_):
@@ -196,6 +197,7 @@ UNTWIST = ["shroud.gap=-5um", "shroud.gap_at=60um", "shroud.gap_at_speed=300 rpm
 SPEEDS = {"drive.omega": [60.0, 90.0]}
 
 
+@pytest.mark.full(but=["power"])
 @pytest.mark.parametrize(
     "run",
     [
@@ -215,6 +217,7 @@ def test_faces_that_open_at_rest_are_refused_with_the_speed_above_which(run):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.full
 def test_what_no_scene_keeps_at_rest_is_refused(tmp_path, capsys):
     open_pair, pressed_pair = (js.load("table1", [*STUCK, gap]).scene for gap in ("shroud.gap=10um", STUCK[0]))
     with pytest.raises(InputError, match="does not keep its faces stuck: at rest they are not pressed together; "):

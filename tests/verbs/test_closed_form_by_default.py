@@ -122,7 +122,7 @@ def test_a_response_is_marched_where_its_peak_slips():
     assert "stuck" not in form_of(js.response(stuck(), **swept, **short))  # it slips at 3,300 rad/s
 
 
-@pytest.mark.full(but=["nothing", "steps"])
+@pytest.mark.full(but=["nothing"])
 @pytest.mark.parametrize(
     ("options", "form"),
     [

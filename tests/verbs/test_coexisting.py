@@ -86,7 +86,6 @@ def test_a_long_transient_is_no_motion_of_its_own(tmp_path):
     assert not panel.lines  # no marker
 
 
-@pytest.mark.full(but=["1"])
 @pytest.mark.parametrize("long", [128, 1])  # lanes whose sets are looked at, and the others
 def test_a_transient_that_ends_while_it_is_run_on_joins_its_motion(long, monkeypatch):
     monkeypatch.setattr("jaxshroud.orbits.attractors.MAX_LONG_RUNS", long)
