@@ -123,7 +123,7 @@ def two_orders(*changes, motion='["x"]'):
 KNOWN = {"x_peak": 2.62749e-3, "x_rms": 1.45510e-3}  # of its left blade from 400 to 700 rad/s, by integration [m]
 
 
-@pytest.mark.full
+@pytest.mark.full(but=["orders0"])
 @pytest.mark.parametrize("orders", [(1,), (1, 2, 3)])
 def test_a_sweep_without_contact_has_its_closed_form(orders):
     # It samples its own course, harmonics, what decays and all, and polishes what it finds.
