@@ -220,7 +220,10 @@ FAULTS = {
         "scene/speed.py", "return gap + (at - gap) * share", "return gap + at * share", "model/test_speed.py"
     ),
     "stiffening by the mass of x": Fault(
-        "scene/speed.py", '"blades.B_T": ("k_T", "model/test_speed.py")', '"blades.B_T": ("k_T", "m")', "scene"
+        "scene/speed.py",
+        '"blades.B_T": ("k_T", "I")',
+        '"blades.B_T": ("k_T", "m")',
+        "model/test_speed.py",
     ),
     "wrong input has status 1": Fault(
         "cli/commands.py",
