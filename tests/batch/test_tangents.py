@@ -229,6 +229,7 @@ def test_no_contact_gives_exact_zeros():
     assert np.all(np.isfinite(at.by_state))
 
 
+@pytest.mark.full
 def test_no_nan_at_the_corners_of_the_model():
     # theta = 0, v = 0, w = 0 and all rates zero: the blocks just touch and nothing moves yet.
     scene = vary(load("table1", ["contact.gamma=2.5", "drive.F_0=60"]).scene, "shroud.gap", 0.0)

@@ -293,6 +293,7 @@ def test_an_accuracy_sets_the_share():
     assert choose(lanes, 1, 1e-6).method.flat_return == pytest.approx(4 / 38400)  # where trials say that it is enough
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("share", [1 / 2400, 1 / 38400])
 def test_a_verb_marches_by_the_share_of_its_method(share):
     # Nearly parallel faces, at a step that is longer than either share.

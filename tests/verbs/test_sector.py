@@ -127,6 +127,7 @@ def test_verbs_tell_the_same_of_every_blade():
         assert not {name: d for name, d in differences.items() if d > 1e-8}
 
 
+@pytest.mark.full
 def test_a_march_may_begin_where_another_has_ended():
     first = js.simulate(by_sector(ring()), **SHORT)
     again = [js.simulate(one, first.last, **SHORT) for one in (ring(), by_sector(ring()))]
