@@ -161,8 +161,8 @@ def free_runs(
     works = dict.fromkeys(("work", "gross", "dropped", "residual", "friction", "viscous", "switched"), zeros)
     samples = samples._replace(**works)
     if method.forces:
-        loads, impacts = ContactLoads._make([zeros] * 4), Impacts._make([zeros] * 7)
-        samples = samples._replace(forces=ContactPeaks(zeros, zeros), loads=loads, impacts=impacts)
+        none = ContactLoads._make([zeros] * 4)
+        samples = samples._replace(forces=ContactPeaks(zeros, zeros), loads=none, impacts=Impacts._make([zeros] * 7))
     return jax.tree.map(np.asarray, (samples, lanes))
 
 

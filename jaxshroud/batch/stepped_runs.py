@@ -128,7 +128,8 @@ def run_periods(
         The lanes at the end, and their samples, see `Runs`.
     """
     blocks: list[Sample] = []
-    interim, done, reported = at_start_of_period(lanes), 0, 0.0
+    interim = at_start_of_period(lanes)
+    done, reported = 0, 0.0
     while done < n:
 
         def call(passes: np.int32, left: int = n - done, interim: Interim = interim) -> tuple[Interim, int, Any]:

@@ -24,9 +24,7 @@ if TYPE_CHECKING:
 RESUME, DESCRIPTION_FILE = "resume", "zarr.json"
 SWEEP, BLOCKED, OTHERS, CHECKSUM = "sweep", "arrays of blocks", "other arrays", "checksum"  # attributes of `resume`
 Lanes = tuple[slice, ...]  # along each dimension of a grid of lanes
-ChatterReport = list[
-    Any
-]  # the first lane whose events alternate, as its place along each dimension, and what is said of it
+ChatterReport = list[Any]  # the place of the first lane whose events alternate, along each dimension, and a text
 
 
 class BlockRecord(NamedTuple):

@@ -236,8 +236,8 @@ def _search(
     periods = ticker.done
     simulated = simulate_designs(problem, design[None], ticker)
     judgement = judgement_of(problem, simulated)
-    checks = verify_design(problem, design, seed, ticker)
     P_d, P_d_vibration = both_reductions(simulated)
+    checks = verify_design(problem, design, seed, ticker)
     values = {
         "best": design,
         "bound": [_bound(place) for place in u],

@@ -34,7 +34,7 @@ def numbers(result, *names):
 NAMES = ("final_P", "x_mean", "x_rms", "x_peak", "y_rms", "y_peak", "N_max", "N_mean", "F_max")
 
 
-@pytest.mark.full
+@pytest.mark.full(but=["pair"])
 @pytest.mark.parametrize(("name", "settings"), [("table1", STUCK), ("row_ring12", RING)], ids=["pair", "ring"])
 def test_the_closed_form_is_where_the_march_settles(name, settings):
     scene = js.load(name, [*settings, "initial.start=static"]).scene

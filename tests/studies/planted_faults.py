@@ -292,7 +292,7 @@ def _failing_test(clone: Path, cache: Path, arguments: Sequence[str]) -> str:
 def main() -> None:
     """Plant the faults of these names, or all of them, one after the other."""
     options = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    options.add_argument("names", nargs="*", choices=[[], *FAULTS])
+    options.add_argument("names", nargs="*", metavar="NAME")
     options.add_argument("--whole", action="store_true", help="all of the README's command before --full")
     options.add_argument("--write", type=Path, default=STORED)
     given = options.parse_args()

@@ -54,13 +54,13 @@ def test_a_number_without_scatter_is_found(monkeypatch):
 def test_refinement_ends_where_intervals_tell_no_more(monkeypatch):
     found, problem = refined(5e-3, monkeypatch)
     low, high = found.looked.place
-    digits_apart = np.sqrt(np.hypot(5e-3, 5e-3))  # from the best, in u
-    assert low < 0.37 - digits_apart < 0.37 + digits_apart < high
-    assert high - low < 4 * digits_apart
+    apart = np.sqrt(np.hypot(5e-3, 5e-3))  # from the best, in u
+    assert low < 0.37 - apart < 0.37 + apart < high
+    assert high - low < 4 * apart
     assert len(problem.asked) < gradient_ascent.REFINE_ROUNDS
-    assert np.min(np.diff(found.looked.u)) > digits_apart / 4  # a control without intervals looks ever closer
+    assert np.min(np.diff(found.looked.u)) > apart / 4  # a control without intervals looks ever closer
     close, _ = refined(0.0, monkeypatch)
-    assert np.min(np.diff(close.looked.u)) < digits_apart / 100
+    assert np.min(np.diff(close.looked.u)) < apart / 100
 
 
 @pytest.mark.parametrize("u", [(0.37, 0.5), (0.2, 0.3)])
