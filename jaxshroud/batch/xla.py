@@ -132,6 +132,8 @@ def fused(f: Callable, *args: Any) -> Any:
     if not jaxpr.out_avals:
         return jax.tree.unflatten(out_tree, [])
     used = _used_arguments(jaxpr.jaxpr)
+    if not used:
+        return vmapped(f, *args)
     operands, results = _operands_for_results([leaves[i] for i in used], [a.dtype for a in jaxpr.out_avals])
     kernel = _reducer(one, scalars, used, results)
     zeros = tuple(jnp.zeros((), a.dtype) for a in operands)

@@ -52,11 +52,11 @@ def rk_stages(partial: Stages, stage_count: int, interval: TrialInterval, start:
     slopes: list[State] = []
     waves = _drive_waves(interval, set(tableau.c[len(stage_slopes) : stage_count]), model)
     for i in range(stage_count):
-        stage = _stage_state(start, interval.h, tableau.a[i][: len(slopes)], slopes, model)
+        stage = stage_state(start, interval.h, tableau.a[i][: len(slopes)], slopes, model.law.flows)
         if i == len(stage_slopes):
             slope, rates = rhs_once(waves[tableau.c[i]], stage, model, method.recorded)
             stage_slopes = (*stage_slopes, slope)
-            gain = _weighted_sum(gain, tableau.b[i], rates)
+            gain = weighted_sum(gain, tableau.b[i], rates)
         slopes.append(_rates(stage, stage_slopes[i]))
     return Stages(stage_slopes, gain), slopes
 
@@ -66,7 +66,8 @@ def _rates(stage: State, slope: StateDerivative) -> State:
     return State(rate_of_motion(stage.motion, slope.acceleration), slope.u_s, None, None)
 
 
-def _weighted_sum(total: Integrals | None, weight: float, rates: Integrals) -> Integrals | None:
+def weighted_sum(total: Integrals | None, weight: float, rates: Integrals) -> Integrals | None:
+    """The sum of the integrals' rates times weights so far, with one more; None without any."""
     weighted = jax.tree.map(lambda a: weight * a, rates) if weight else None
     return weighted if total is None else total if weighted is None else jax.tree.map(jnp.add, total, weighted)
 
@@ -89,7 +90,7 @@ def rk_step(partial: Stages, interval: TrialInterval, start: State, model: Model
     """One explicit Runge-Kutta step in a fixed mode."""
     b = method.rk.b
     (_, gain), slopes = rk_stages(partial, len(b), interval, start, model, method)
-    stage = _stage_state(start, interval.h, b, slopes, model)
+    stage = stage_state(start, interval.h, b, slopes, model.law.flows)
     Q, slope = _drive_waves(interval, {1.0}, model)[1.0], None
     if method.derivative:
         rates, of_integrals = rhs_once(Q, stage, model, method.recorded)
@@ -132,7 +133,7 @@ def _node_angles(dturns: Scalar, nodes: set[float]) -> dict[float, Pair]:
     return angles
 
 
-def _stage_state(start: State, h: Scalar, weights, slopes: Any, model: Model) -> State:
+def stage_state(start: State, h: Scalar, weights, slopes: Any, flows: bool) -> State:
     """The start + h sum(weights * slopes), number by number."""
     used = [(w, k) for w, k in zip(weights, slopes, strict=True) if w]
     if not used:
@@ -143,5 +144,5 @@ def _stage_state(start: State, h: Scalar, weights, slopes: Any, model: Model) ->
         return plus(z, times(h, reduce(plus, map(times, weights, k), 0)))
 
     motion = jax.tree.map(add, start.motion, *(k.motion for k in slopes))
-    u_s = jax.tree.map(add, start.u_s, *(k.u_s for k in slopes)) if model.law.flows else start.u_s
+    u_s = jax.tree.map(add, start.u_s, *(k.u_s for k in slopes)) if flows else start.u_s
     return State(motion, u_s, start.mode, start.case)

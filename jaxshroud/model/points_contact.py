@@ -4,6 +4,7 @@ The points press along the mean normal of both faces, by their shares of the sti
 middles between partners. Modes and sliders of such an interface are tuples, one entry for each point.
 """
 
+import operator
 from collections.abc import Callable
 from functools import reduce
 from typing import Any, ClassVar
@@ -145,7 +146,7 @@ def interface_mode(mode: Any) -> Any:
     if not isinstance(mode, tuple):
         return mode
     sticks, forward, backward = (
-        reduce(jnp.logical_or, (one == wanted for one in mode))
+        reduce(operator.or_, (one == wanted for one in mode))
         for wanted in (Mode.STICK, Mode.SLIP_PLUS, Mode.SLIP_MINUS)
     )
     slips = where(forward, jnp.int32(Mode.SLIP_PLUS), jnp.int32(Mode.SLIP_MINUS))

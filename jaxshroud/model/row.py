@@ -14,7 +14,7 @@ block by block. In a closed row that is flat all round a uniform circulating tor
 taken.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -23,7 +23,19 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxshroud.model.arithmetic import ZERO, both_sides, is_zero, left_of_interfaces, right_of_interfaces, sum_at_blades
+from jaxshroud.model.arithmetic import (
+    ZERO,
+    Unrolled,
+    both_sides,
+    is_unrolled,
+    is_zero,
+    left_of_interfaces,
+    right_of_interfaces,
+    sum_at_blades,
+    times_along,
+    total,
+    where,
+)
 from jaxshroud.model.blade import AnyBlade, BladeForces, blades_of_row
 from jaxshroud.model.coupling import (
     AeroMatrices,
@@ -139,9 +151,27 @@ def over(each: Each, f: Callable[..., Any], *trees: Any) -> Any:
         f: A function of scalars.
         trees: Trees of arrays (M, lanes), or (lanes,), which count for all M.
     """
+    lengths = {len(a) for a in jax.tree.leaves(trees, is_leaf=is_unrolled) if is_unrolled(a)}
+    if lengths:
+        (length,) = lengths
+        return _unrolled([each(f, *_at(i, trees)) for i in range(length)])
     shape = max((a.shape for a in jax.tree.leaves(trees)), key=len)
     flat = jax.tree.map(lambda a: jnp.reshape(jnp.broadcast_to(a, shape), -1), trees)
     return jax.tree.map(lambda a: jnp.reshape(a, shape), each(f, *flat))
+
+
+def _at(i: int, trees: Any) -> Any:
+    """Trees with the numbers of one blade, or of one interface."""
+    return jax.tree.map(lambda a: a[i] if is_unrolled(a) else a, trees, is_leaf=is_unrolled)
+
+
+def _unrolled(trees: Sequence[Any]) -> Any:
+    """The tree of the numbers along an axis, from a tree for each of its places."""
+
+    def along(*numbers):
+        return ZERO if all(map(is_zero, numbers)) else Unrolled(*numbers)
+
+    return jax.tree.map(along, *trees, is_leaf=is_zero)
 
 
 def pair_states(state: State, model: RowModel) -> State:
@@ -161,11 +191,11 @@ def blade_forces(effects: ContactEffects, z: Any, model: RowModel) -> BladeForce
 
 def contact_forces_on_blades(effects: ContactEffects, model: RowModel) -> BladeForces:
     """The forces of contact on each blade."""
-    load, total = effects.load, partial(sum_at_blades, closed=model.closed)
+    load, at_blades = effects.load, partial(sum_at_blades, closed=model.closed)
     if is_zero(load.R_x):
         return BladeForces(ZERO, ZERO, ZERO)
-    M = total(*load.M) if model.turns else ZERO
-    return BladeForces(total(load.R_x, -load.R_x), total(load.R_y, -load.R_y), M)
+    M = at_blades(*load.M) if model.turns else ZERO
+    return BladeForces(at_blades(load.R_x, -load.R_x), at_blades(load.R_y, -load.R_y), M)
 
 
 class Cluster(NamedTuple):
@@ -178,12 +208,14 @@ class Cluster(NamedTuple):
 
     def mean(self, a: OfBlades) -> OfBlades:
         """The mean of each cluster, weighted by inertia, for each of its blocks."""
-        return jnp.sum(self.share * a[None], axis=1)
+        return times_along(self.share, a)
 
 
 def clusters(case: Array, model: RowModel) -> Cluster:
     """The clusters of blocks from the case of each interface (E, lanes)."""
     flat, I, closed = case == FLAT, model.blades.I, model.closed
+    if is_unrolled(flat):
+        return _unrolled_clusters(flat, I)
     breaks = jnp.cumsum(~flat, axis=0, dtype=jnp.int32)  # interfaces that are not flat, up to each
     label = jnp.concatenate([jnp.zeros_like(breaks[:1]), breaks[:-1] if closed else breaks])  # left of each block
     all_round = breaks[-1] == 0 if closed else jnp.zeros_like(flat[0])
@@ -196,6 +228,17 @@ def clusters(case: Array, model: RowModel) -> Cluster:
     left = first if closed else first[:-1]
     before = flat[:, None] & same[: len(flat)] & (first[None] <= left[:, None])
     return Cluster(jnp.where(same, I[None] / inertia[:, None], 0.0), inertia, before, all_round)
+
+
+def _unrolled_clusters(flat: Any, I: Any) -> Cluster:
+    """`clusters` of a chain of two blades."""
+    (touch,), (I_1, I_2) = flat, I
+    both, none, whole = I_1 + I_2, jnp.zeros_like(I_1), jnp.ones_like(I_1)
+    share = I_1 / both, I_2 / both
+    left = Unrolled(where(touch, share[0], whole), where(touch, share[1], none))
+    right = Unrolled(where(touch, share[0], none), where(touch, share[1], whole))
+    inertia = Unrolled(where(touch, both, I_1), where(touch, both, I_2))
+    return Cluster(Unrolled(left, right), inertia, Unrolled(Unrolled(touch, jnp.zeros_like(touch))), jnp.zeros_like(touch))
 
 
 def clusters_of(state: State, model: RowModel) -> Cluster | None:
@@ -212,6 +255,8 @@ def passed_torques(own: OfBlades, cluster: Cluster, model: RowModel) -> OfInterf
         model: The constants.
     """
     excess = model.blades.I * (own - cluster.mean(own))
+    if is_unrolled(excess):
+        return Unrolled(*(total(where(before, excess, 0.0)) for before in cluster.before))
     torque = jnp.sum(jnp.where(cluster.before, excess[None], 0.0), axis=1)
     return torque - jnp.where(cluster.all_round, jnp.mean(torque, axis=0), 0.0)[None]
 
@@ -225,7 +270,7 @@ def relative_torques(own: OfBlades, case: Array, cluster: Cluster, model: RowMod
     mean = cluster.mean(own)
     relative = left_of_interfaces(mean, model.closed) - right_of_interfaces(mean, model.closed)
     apart = joint_inertia(cluster, model) * relative
-    return jnp.where(case == FLAT, passed_torques(own, cluster, model), apart)
+    return where(case == FLAT, passed_torques(own, cluster, model), apart)
 
 
 def joint_inertia(cluster: Cluster, model: RowModel) -> OfInterfaces:
@@ -276,8 +321,8 @@ def blade_rates(
 
 def rates_of_blades(z: Any, wave: Any, R: BladeForces, model: RowModel, recorded: Recorded, each: Each) -> BladeRates:
     """`blade_rates` of every blade: fields (N, lanes)."""
-    rates, gyration = partial(blade_rates, recorded=recorded), model.gyration[None]
-    return over(each, rates, z, wave, R, model.blades, model.drive, model.inverse, gyration, model.static)
+    rates = partial(blade_rates, recorded=recorded)
+    return over(each, rates, z, wave, R, model.blades, model.drive, model.inverse, model.gyration, model.static)
 
 
 def row_rhs(
@@ -305,7 +350,7 @@ def row_rhs(
     ledger = None
     if recorded.ledger:
         viscous = rates.viscous + coupling_losses(now.motion, model)
-        ledger = Ledger(rates.drive, jnp.abs(rates.drive), viscous, effects.lost)
+        ledger = Ledger(rates.drive, abs(rates.drive), viscous, effects.lost)
     moments = None
     if recorded.moments:
         z = blades.shroud(now.motion)
