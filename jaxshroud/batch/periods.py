@@ -17,7 +17,8 @@ from jaxshroud.march.carry import EachLane, Lane, LaneTree, TimeGrid, running, t
 from jaxshroud.march.forces_and_energy import energy_residual, is_unbalanced, total_energy
 from jaxshroud.march.log import log_of_new_period
 from jaxshroud.march.method import FLAT_RETURN, Choices
-from jaxshroud.march.stepper import StageGroups, alone, begin_lane, stepper_for
+from jaxshroud.march.pair_as_row import pair_trial
+from jaxshroud.march.stepper import RUNGE_KUTTA, StageGroups, alone, begin_lane, stepper_for
 from jaxshroud.model.arithmetic import filled, traced_once
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State, prepared_model
@@ -36,6 +37,8 @@ def whole_tree(lanes: Tree) -> Tree:
 
 def advance(lanes: LaneTree, fixed: LaneTree, method: Choices, each: EachLane, lane_of: LaneSelector = whole_tree):
     """Make one trial step of every running lane: by one kernel, or by several for the trial and for the update."""
+    if stepper_for(method) is RUNGE_KUTTA and not method.derivative:
+        return each(lambda lane, fixed: pair_trial(lane, fixed, method), lanes, fixed)
     stepper, groups = stepper_for(method), stage_groups(method, lane_of(fixed).model.law)
 
     def whole(lanes: LaneTree, fixed: LaneTree, each: EachLane, groups: StageGroups) -> LaneTree:

@@ -70,7 +70,7 @@ def row_models(scenes: Scene) -> tuple[RowModel, Float[Array, " lanes"]]:
 
 def unrolls(scenes: Scene) -> bool:
     """Whether rows run unrolled: those of one interface."""
-    return scenes.layout.blades == 2
+    return False
 
 
 def unrolled(tree: Tree) -> Tree:

@@ -63,17 +63,21 @@ def compiled(*static: str) -> Callable[[Callable], Callable]:
         def large(*, tolerance: Scalar, method: Choices, **given: Any) -> Any:
             return f(**given, method=method.with_tolerance(tolerance))
 
+        whole = kept(*static, compiler_options=FOR_SERIES)(f)
+
         @wraps(f)
         def call(*args: Any, **kwargs: Any) -> Any:
             given = signature(f).bind(*args, **kwargs).arguments
             method: Choices | None = given.get("method")
             if method is not None:
                 given["method"] = method.as_static
-            has_large = method is not None and stepper_for(method).large_kernels
+            has_large = method is not None and (stepper_for(method).large_kernels or (not method.derivative))
             if is_traced((args, kwargs)) or not accepts_options(has_large):
                 return plain(*args, **kwargs)
             if method is None or not has_large:
                 return widest(**given)
+            if not stepper_for(method).large_kernels:
+                return whole(**given)
             return large(**given | {"method": method.as_static.with_tolerance()}, tolerance=method.tolerance)
 
         call.widest, call.large = widest, large  # pyright: ignore[reportAttributeAccessIssue]

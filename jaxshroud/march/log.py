@@ -24,7 +24,7 @@ from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State, touches_at_corners
 from jaxshroud.model.rhs import Integrals, rhs
-from jaxshroud.model.row import Each, OfInterfaces, RowModel, over, pair_states
+from jaxshroud.model.row import Each, OfInterfaces, RowModel, _at, over, pair_states
 from jaxshroud.scene.keys import Motion
 
 
@@ -223,7 +223,9 @@ def _updated_row_log(log: Log, trial: AcceptedTrial, model: RowModel, method: Ch
     if is_unrolled(end.x):
         alone = [one for one in observables_of(method) if one.takes == "all"]
         at_once = _updated_each(log, contact, [one for one in alone if one.per == "interface"], each)
-        at_once |= _updated_each(log, blades, [one for one in alone if one.per != "interface"], each)
+        left = [one for one in alone if model.is_pair and one.per == "left blade"]
+        at_once |= {one.name: one.update(value_in(log, one.name), _at(0, blades)) for one in left}
+        at_once |= _updated_each(log, blades, [one for one in alone if one.per != "interface" and one not in left], each)
     values = at_once | trial.events
     if takers_of_one("interface", method):
         start, end = pair_states(trial.start, model), both_sides(end, model.closed)

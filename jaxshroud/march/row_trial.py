@@ -91,7 +91,9 @@ def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Lan
     count = jnp.zeros(lanes.shape, jnp.int32)
     at = jax.tree.map(lambda case: jnp.zeros(case.shape, lanes.dtype), state.case)
     pending = at == 1 if method.derivative else None
-    turns = jax.tree.map(jnp.zeros_like, state.case) if model.turns_by_events else None
+    turns = None
+    if model.turns_by_events and len(state.case) > 1:
+        turns = jax.tree.map(jnp.zeros_like, state.case)
     search = new_search(lanes, lanes, jnp.ones(lanes.shape, bool), count, method.locate, False, of_row=True)
     search = search._replace(pending=pending, turns=turns)
     zero_step = interval_in_step(count, lanes, lanes, TimeGrid(lanes, lanes, lanes, lanes))

@@ -88,6 +88,7 @@ class RowModel(eqx.Module):
     aero: AeroMatrices | None  # of the flow
     closed: bool = eqx.field(static=True)
     parts: Parts = eqx.field(static=True)
+    is_pair: bool = eqx.field(static=True, default=False)  # works are those of both blades, means of the left one
 
     @property
     def turns(self) -> bool:
@@ -351,6 +352,9 @@ def row_rhs(
     if recorded.ledger:
         viscous = rates.viscous + coupling_losses(now.motion, model)
         ledger = Ledger(rates.drive, abs(rates.drive), viscous, effects.lost)
+        if model.is_pair:
+            drive = total(rates.drive)
+            ledger = Ledger(drive, abs(drive), total(viscous), effects.lost[0])
     moments = None
     if recorded.moments:
         z = blades.shroud(now.motion)
@@ -358,7 +362,7 @@ def row_rhs(
         moments = Moments(first, jax.tree.map(lambda a: a * a, first))
     return (
         StateDerivative(a, effects.u_s),
-        Integrals(rates.power, ledger, moments, effects.loads, rates.means),
+        Integrals(rates.power, ledger, moments, effects.loads, _at(0, rates.means) if model.is_pair else rates.means),
     )
 
 
