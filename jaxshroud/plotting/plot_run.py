@@ -161,11 +161,12 @@ def contact_handles(run: RunData, cases: bool = True) -> list[Patch]:
     contact = contact_data(run)
     modes = contact.mode if contact.point_mode is None else np.append(contact.mode, contact.point_mode)
     cases = cases and contact.point_mode is None
-    entries = _legend_entries(MODE_STYLES, modes) + (_legend_entries(CASE_STYLES, contact.case) if cases else [])
+    entries = legend_entries(MODE_STYLES, modes) + (legend_entries(CASE_STYLES, contact.case) if cases else [])
     return [Patch(color=color, label=name) for name, color in entries]
 
 
-def _legend_entries(styles: Mapping[int, tuple[str, str]], values: Iterable[int]) -> list[tuple[str, str]]:
+def legend_entries(styles: Mapping[int, tuple[str, str]], values: Iterable[int]) -> list[tuple[str, str]]:
+    """The words and colours of those of the values that have a style."""
     present = set(map(int, values))
     return [entry for value, entry in styles.items() if int(value) in present]
 
