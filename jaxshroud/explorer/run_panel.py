@@ -25,7 +25,6 @@ from jaxshroud.plotting.plot_run import CASE_STYLES, MODE_STYLES
 from jaxshroud.plotting.run_data import FEWEST_SAMPLES, RunData, contact_data, run_data
 from jaxshroud.plotting.style import ORANGE
 from jaxshroud.results.trajectory import Trajectory
-from jaxshroud.signals.spectrum import amplitude_spectrum, whole_periods
 from jaxshroud.signals.waves import blade_spectrum
 
 HISTORY_PERIODS = 10
@@ -61,15 +60,10 @@ def poincare_columns(run: RunData) -> PlotColumns:
 
 def spectrum_columns(run: RunData, most: float = 6.0) -> PlotColumns:
     """The amplitude spectrum of the left blade [m] up to a frequency in units of the drive's."""
-    x = run.ds["x"].to_numpy()[run.settled, 0]
-    rate = run.rate
-    q = run.repeats
-    n_periods = whole_periods(x.size, rate)
-    if n_periods < 1 or np.ptp(x) == 0:
+    if run.spectrum is None:
         return {"f": np.zeros(0), "a": np.zeros(0), "foot": np.zeros(0)}
-    if q:
-        x = x[x.size - int(n_periods // q * q * rate) :]
-    f, a = amplitude_spectrum(x, rate, "rectangular" if q or n_periods < 3 else "hann")
+    f, a = run.spectrum
+    a = a / run.scale.factor
     shown = (f > 0) & (f <= most)
     top = a[1:].max()
     return {"f": f[shown], "a": np.maximum(a[shown], 1e-6 * top), "foot": np.full(shown.sum(), 1e-6 * top)}

@@ -33,7 +33,7 @@ from jaxshroud.plotting.style import (
     legend_below,
 )
 from jaxshroud.scene.checks import InputError, word_argument
-from jaxshroud.signals.spectrum import amplitude_spectrum, label_lines, whole_periods
+from jaxshroud.signals.spectrum import label_lines
 
 MODE_STYLES: Mapping[int, tuple[str, str]] = {
     Mode.STICK: ("stick", SKY),
@@ -318,16 +318,11 @@ def _draw_last_periods(panel: Axes, t: PlotArray, x: PlotArray, mode: IntegerArr
 
 def _draw_lines_of_spectrum(panel: Axes, run: RunData) -> None:
     """Lines from a multiple of the period number, or a Hann-windowed curve where the motion does not repeat."""
-    x = run.x[run.settled, 0]
-    rate = run.rate
     q = run.repeats
-    n_periods = whole_periods(x.size, rate)
-    if n_periods < 1 or np.ptp(x) == 0:
+    if run.spectrum is None:
         panel.text(0.5, 0.5, "no oscillation over\na whole period", ha="center", transform=panel.transAxes)
         return
-    if q:
-        x = x[x.size - int(n_periods // q * q * rate) :]
-    f, a = amplitude_spectrum(x, rate, "rectangular" if q or n_periods < 3 else "hann")
+    f, a = run.spectrum
     top = a[1:].max()
     reach = float(np.clip(f[a > 1e-3 * top].max(), 3, 6)) + 0.25
     shown = (f > 0) & (f < 1.1 * reach)  # the others would take long to draw
