@@ -30,7 +30,7 @@ def animation(ds, factor):
 
 def faces(shown):
     """The corners of each block as drawn: a, b and their opposites, (N, 4, 2)."""
-    return np.stack([path.vertices[:-1:POINTS_ON_EDGE] for path in shown.shapes.get_paths()])
+    return np.stack([np.asarray(path.vertices)[:-1:POINTS_ON_EDGE] for path in shown.shapes.get_paths()])
 
 
 def test_blocks_have_their_shape_and_move_by_the_factor():

@@ -61,7 +61,7 @@ def test_marks_are_where_blocks_touch_and_nothing_leaves_the_frame(closed):
     marked = []
     for i in range(shown.frames.sizes["time"]):
         shown.show(i)
-        points = np.concatenate([path.vertices for path in shown.shapes.get_paths()])
+        points = np.concatenate([np.asarray(path.vertices) for path in shown.shapes.get_paths()])
         assert ((points > [left, low]) & (points < [right, high])).all()
         marked.append(len(shown.marks.get_offsets()))
     np.testing.assert_array_equal(marked, (shown.frames["mode"] == Mode.STICK).sum("interface"))
