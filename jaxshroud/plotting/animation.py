@@ -178,7 +178,14 @@ class Animation:
         panel.set(xlim=(left, right), ylim=(low, high), aspect="equal")
         panel.set_axis_off()
         self.shapes = panel.add_collection(PolyCollection(self.outlines[0], ec=INK, fc=PAIR_FILLS, lw=0.7))
-        style: Properties = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.012, "zorder": 3}
+        style: Properties = {
+            "angles": "xy",
+            "scale_units": "xy",
+            "scale": 1,
+            "width": 0.012,
+            "zorder": 3,
+            "visible": False,
+        }
         self.arrows = panel.quiver(*np.zeros((4, 4)), color=[INK, INK, BLUE, BLUE], **style)
         self.marks = panel.scatter([], [], lw=0.6, zorder=4)
         self._label(panel)

@@ -64,6 +64,7 @@ def test_marks_are_where_blocks_touch_and_nothing_leaves_the_frame(closed):
         points = np.concatenate([np.asarray(path.vertices) for path in shown.shapes.get_paths()])
         assert ((points > [left, low]) & (points < [right, high])).all()
         marked.append(len(shown.marks.get_offsets()))
+        assert not shown.arrows.get_visible()  # which are of pairs
     np.testing.assert_array_equal(marked, (shown.frames["mode"] == Mode.STICK).sum("interface"))
     assert 0 < np.mean(marked) < 1
 
