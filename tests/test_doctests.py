@@ -12,7 +12,7 @@ import jaxshroud
 LONG = {  # seconds each; pages of the documentation show the same
     *("jaxshroud.batch.rollout", "jaxshroud.batch.sweepfunction"),
     *(f"jaxshroud.verbs.{verb}" for verb in ("attractors", "branch", "diagnose", "fit", "options", "report")),
-    *(f"jaxshroud.verbs.{verb}" for verb in ("response", "trade", "tune")),
+    *(f"jaxshroud.verbs.{verb}" for verb in ("gradient", "mistune", "response", "trade", "tune")),
 }
 
 

@@ -175,6 +175,7 @@ def realistic_blade(gamma: float) -> Scene:
     return Scene(blades, shroud, Contact(gamma * 3.17e4, None), Friction(1e6, 0.3), drive)
 
 
+@pytest.mark.full(but=["200"])
 @pytest.mark.parametrize("steps", [200, 526, 1000, 3000])
 def test_a_realistic_blade_does_not_stop(steps):
     # It leaves flat contact at the end of the faces' overlap, which is a slide shorter than the face: judged by the

@@ -109,6 +109,7 @@ def test_the_error_of_heuns_method_falls_with_the_square_of_the_step(layout):
     assert error(layout, STEPS, FAST) < error(layout, STEPS) / 100
 
 
+@pytest.mark.full(but=["pair"])
 def test_the_mean_penetration_while_faces_touch_is_that_of_many_samples(layout):
     run, own = true_run(layout), marched(layout, STEPS).own["touch"]
     v, touches = by_period(run.v), by_period(run.mode) != Mode.APART

@@ -47,6 +47,7 @@ def test_stores_and_maps_have_the_same_intervals(swept, tmp_path):
     assert table.summary()["too few periods"] == TOO_FEW
 
 
+@pytest.mark.full
 def test_an_interrupted_sweep_has_no_interval_of_what_did_not_run():
     def stop(done, _):
         if done > HOW["transient"] + HOW["n_periods"]:  # of the first value
