@@ -19,7 +19,7 @@ def scene_of(name, *changes):
     return js.load(name, [BENDING, *SPRINGS, *changes]).scene
 
 
-@pytest.mark.full(but=["chain"])
+@pytest.mark.full(but=["pair"])
 @pytest.mark.parametrize(
     ("name", "changes"),
     [

@@ -168,7 +168,7 @@ METHOD = js.RungeKutta(steps=200)
 
 
 def test_contact_is_that_of_a_scene_at_rest_with_these_numbers():
-    scene = scene_of()
+    scene = scene_of('parts.motion=["x", "y"]')
     runs = [js.simulate(s, n_periods=2, method=METHOD) for s in (scene, at_rest(scene))]
     found, wanted = (np.asarray(run.motion.x) for run in runs)
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
