@@ -32,8 +32,7 @@ COMPUTING = [f"jaxshroud.{folder}" for folder in FOLDERS]
 with install_import_hook(COMPUTING, "beartype.beartype") if CHECKED else nullcontext():
     import jaxshroud
 
-    # What is imported later is not checked.
-    for found in pkgutil.walk_packages(jaxshroud.__path__, "jaxshroud.") if CHECKED else ():
+    for found in pkgutil.walk_packages(jaxshroud.__path__, "jaxshroud."):  # else imported later, without the checks
         if not found.name.endswith("__main__"):
             importlib.import_module(found.name)
     from jaxshroud.cache.programs import keep_programs

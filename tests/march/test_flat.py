@@ -48,7 +48,7 @@ def weak():
     return [p for p, runs_flat in zip(drawn, flat, strict=True) if runs_flat][:SCENES]
 
 
-@pytest.mark.full(but=["rk4-cubic"])
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["rk4-bisection", "rk4-cubic", "tsit5-cubic", "dopri8-cubic"])
 def test_without_torque_from_rest(table1, name):
     # M_0 = 0: theta_1 = theta_2 for ever, and every contact is flat from its first instant.

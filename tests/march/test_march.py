@@ -330,9 +330,7 @@ def test_the_printed_reading_breaks_the_half_turn(scenes):
 @pytest.mark.release(only=["tsit5, events by bisection, float64"])
 @pytest.mark.full(
     but=[
-        "rk4, events by bisection, float64",
         "rk4, events by cubic, float64",
-        "tsit5, events by cubic, float64",
     ]
 )
 @pytest.mark.parametrize("method", EXACT.values(), ids=str)

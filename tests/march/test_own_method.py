@@ -120,6 +120,7 @@ def test_the_mean_penetration_while_faces_touch_is_that_of_many_samples(layout):
     assert np.all(own.integral / scene_in(layout).drive.period < want / 2)
 
 
+@pytest.mark.full(but=["pair"])
 def test_the_path_of_each_blade_is_that_of_many_samples(layout):
     x = np.asarray(true_run(layout).motion.x)
     want = np.sum(np.abs(by_period(x) - np.asarray(x)[:-1].reshape(PERIODS, FINE, -1)), axis=1)

@@ -117,6 +117,7 @@ def test_power_of_free_blades_is_that_of_both_harmonics():
     np.testing.assert_allclose(power.P_d, 0.0, rtol=0, atol=1e-9)
 
 
+@pytest.mark.full
 def test_a_constant_load_is_harmonic_0():
     scene = driven_twice(table1("parts.contact=none"))
     bent = eqx.tree_at(lambda s: s.drive, scene, Pressed(*jax.tree.leaves(scene.drive)))
