@@ -224,7 +224,8 @@ def test_small_programs_are_cached_wherever_the_cache_is(environment, expected):
 def test_the_package_runs_as_a_command(module):
     done = subprocess.run([sys.executable, "-m", module, "plot", "nothing"], capture_output=True, text=True)
     assert done.returncode == 2
-    assert done.stderr == "nothing: no such file; give a result written by jaxshroud\n"
+    # On a slow machine a line that it is at work may come first.
+    assert done.stderr.splitlines()[-1] == "nothing: no such file; give a result written by jaxshroud"
 
 
 @pytest.mark.full

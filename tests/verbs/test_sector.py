@@ -107,7 +107,7 @@ def test_a_small_ring_moves_as_the_whole_one_in_all_coordinates(options, states)
 
 
 def test_a_sweep_tells_the_same_of_every_blade():
-    how = {"n_periods": 6, "transient": 6, "method": METHOD, "forces": True, "amplitudes": True}
+    how = {"n_periods": 6, "transient": 6, "method": js.RungeKutta(steps=200), "forces": True, "amplitudes": True}
     omega = {"drive.omega": np.array([500.0, 536.0, 600.0])}
     whole, small = (js.sweep(one, omega, **how) for one in (ring(), by_sector(ring())))
     differences = largest_difference(whole, small)
