@@ -10,11 +10,9 @@ import jaxshroud
 
 LONG = {  # seconds each; pages of the documentation show the same
     *("jaxshroud.batch.rollout", "jaxshroud.batch.sweepfunction"),
-    *(f"jaxshroud.verbs.{verb}" for verb in ("attractors", "branch", "diagnose", "fit", "options", "report")),
+    *(f"jaxshroud.verbs.{verb}" for verb in ("attractors", "branch", "diagnose", "fit", "report")),
     *(f"jaxshroud.verbs.{verb}" for verb in ("gradient", "mistune", "response", "trade", "tune")),
 }
-
-
 PACKAGE = Path(jaxshroud.__file__).parent
 PATHS = [path.relative_to(PACKAGE.parent) for path in sorted(PACKAGE.rglob("*.py")) if ">>> " in path.read_text()]
 MODULES = [".".join(path.with_suffix("").parts).removesuffix(".__init__") for path in PATHS]

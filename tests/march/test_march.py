@@ -328,11 +328,7 @@ def test_the_printed_reading_breaks_the_half_turn(scenes):
 
 
 @pytest.mark.release(only=["tsit5, events by bisection, float64"])
-@pytest.mark.full(
-    but=[
-        "rk4, events by cubic, float64",
-    ]
-)
+@pytest.mark.full(but=["rk4, events by cubic, float64"])
 @pytest.mark.parametrize("method", EXACT.values(), ids=str)
 def test_impacts_shorter_than_a_step_are_found(table1, method):
     # The free blades would overlap by 1e-4 to 1e-2 of the gap: a contact far shorter than a step of T / 39.
