@@ -41,7 +41,8 @@ class Blocks(NamedTuple):
     def corners(self, frames: xr.Dataset, factor: float) -> PlotArray:
         """The corners (n, blades, 4, 2) of all blocks in all frames."""
         x, y, theta = (factor * frames[name].to_numpy() for name in ("x", "y", "theta"))
-        s, c = np.sin(theta), np.cos(theta)
+        s = np.sin(theta)
+        c = np.cos(theta)
         turns = np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
         centres = np.stack([x + self.rests(factor)[: x.shape[1]], y], axis=-1)
         return self.outline @ turns + centres[:, :, None]

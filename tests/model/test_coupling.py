@@ -185,7 +185,9 @@ def blisk():
 def test_accelerations_of_blades_in_a_flow_are_those_of_loops_over_them(closed):
     scene = ring(*SPRINGS, *FLOW, f"row.closed={str(closed).lower()}", "drive.F_0=0", "drive.M_0=0")
     model = lanes_last(jax.tree.map(lambda a: a[None], prepared_row(scene)))
-    rng, b, omega = np.random.default_rng(1), scene.blades, float(scene.drive.omega)
+    rng = np.random.default_rng(1)
+    b = scene.blades
+    omega = float(scene.drive.omega)
     q, v = rng.standard_normal((2, 3, N))
     apart = jnp.zeros((N if closed else N - 1, 1), jnp.int32)
     now = State(Motion(*map(jnp.asarray, [*q[..., None], *v[..., None]])), jnp.zeros(apart.shape), apart, apart)

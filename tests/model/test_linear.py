@@ -141,7 +141,8 @@ def test_a_reduction_without_drive_is_unknown_and_its_slope_is_no_infinity():
 
 def test_the_square_displacement_of_a_block_that_turns_is_the_mean_over_its_area():
     # Four points of Gauss's rule are exact for squares: of a block's points, which theta turns about its middle.
-    sides, theta = (np.array([0.05, 0.0]), 0.035 * np.array([0.5, np.sqrt(0.75)])), 0.3
+    sides = np.array([0.05, 0.0]), 0.035 * np.array([0.5, np.sqrt(0.75)])
+    theta = 0.3
     points = np.array([(s * sides[0] + t * sides[1]) / np.sqrt(12) for s in (-1, 1) for t in (-1, 1)])
     turn = np.array([[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]])
     moved = points @ turn.T + (2e-3, -1e-3) - points

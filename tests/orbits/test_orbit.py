@@ -162,7 +162,9 @@ def test_no_contact_no_derivative():
 
 def test_newtons_step_of_a_linear_map_is_to_its_fixed_point():
     rng = np.random.default_rng(3)
-    M, shift, start = 0.4 * rng.standard_normal((7, 7)), rng.standard_normal(7), rng.standard_normal(7)
+    M = 0.4 * rng.standard_normal((7, 7))
+    shift = rng.standard_normal(7)
+    start = rng.standard_normal(7)
     step = _shooting_step(M, M @ start + shift - start, np.array([False]))
     np.testing.assert_allclose(start + step, np.linalg.solve(np.eye(7) - M, shift), rtol=1e-11)
     # A free slider stays; the others go to where they return beside it.
