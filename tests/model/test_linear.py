@@ -146,6 +146,6 @@ def test_the_square_displacement_of_a_block_that_turns_is_the_mean_over_its_area
     points = np.array([(s * sides[0] + t * sides[1]) / np.sqrt(12) for s in (-1, 1) for t in (-1, 1)])
     turn = np.array([[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]])
     moved = points @ turn.T + (2e-3, -1e-3) - points
-    gyration = (0.05**2 + 0.035**2) / 12
+    gyration = jnp.asarray((0.05**2 + 0.035**2) / 12)
     found = blade_mean_square(2e-3, -1e-3, np.sin(theta), 1 - np.cos(theta), gyration, None)
     np.testing.assert_allclose(found, (moved**2).sum(axis=1).mean(), rtol=1e-14)
