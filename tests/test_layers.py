@@ -1,6 +1,7 @@
 """Which module may import which: the data flows one way, and physics knows nothing of files and pictures."""
 
 import ast
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -33,6 +34,7 @@ def modules() -> dict[str, Path]:
     return {".".join(part for part in name.parts if part != "__init__"): path for name, path in paths.items()}
 
 
+@cache
 def imported(path: Path) -> set[str]:
     """Full names of all that a file imports, inside functions too."""
     names = set()
@@ -57,7 +59,12 @@ def within(name: str) -> str | None:
 
 MODULES = modules()
 INNER = sorted(set(MODULES) - {""})
-USES = {name: {within(used) for used in imported(path)} - {None} for name, path in MODULES.items()}
+
+
+@cache
+def uses() -> dict[str, set[str]]:
+    """The modules of the package that each of them imports."""
+    return {name: {within(used) for used in imported(path)} - {None} for name, path in MODULES.items()}
 
 
 def folder(module: str) -> str:
@@ -72,19 +79,19 @@ def test_every_folder_has_its_place():
 @pytest.mark.parametrize("module", INNER)
 def test_a_module_imports_only_from_its_folder_and_those_before(module):
     above = FOLDERS[: FOLDERS.index(folder(module)) + 1]
-    wrong = {used for used in USES[module] if folder(used) not in above}
+    wrong = {used for used in uses()[module] if folder(used) not in above}
     assert not wrong, f"{module} imports {sorted(wrong)}"
 
 
 def test_no_module_imports_itself_by_way_of_others():
-    tuple(TopologicalSorter(USES).static_order())  # raises CycleError
+    tuple(TopologicalSorter(uses()).static_order())  # raises CycleError
 
 
 def test_the_scan_sees_imports():
     # Control: a command imports physics at the top, and a type of arguments inside a function.
-    assert "scene.schema" in USES["scene.config"]
-    assert "verbs.sweep" in USES["cli.sweep"]
-    assert "verbs.asked" in USES["cli.option_table"]
+    assert "scene.schema" in uses()["scene.config"]
+    assert "verbs.sweep" in uses()["cli.sweep"]
+    assert "verbs.asked" in uses()["cli.option_table"]
 
 
 @pytest.mark.parametrize("module", [module for module in INNER if folder(module) not in EDGES])

@@ -28,6 +28,7 @@ from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.title import display_value
 from jaxshroud.verbs.arguments import resolve_options
 from jaxshroud.verbs.mistune import pattern_rows, search_size
+from jaxshroud.verbs.mistuned_rows import tuned_store
 from jaxshroud.verbs.plan import plan_march
 from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE
 
@@ -39,7 +40,7 @@ def _mistune_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str
         if options.resume:
             raise CommandError("--resume goes on with a march; a linear row is in closed form and has no store")
         return arguments
-    return {**arguments, "store": _claimed_store(options)}
+    return {**arguments, "store": claimed_store(options)}
 
 
 def _axis_of(file: SceneFile, options: argparse.Namespace) -> Axis:
@@ -51,13 +52,14 @@ def _axis_of(file: SceneFile, options: argparse.Namespace) -> Axis:
     return axis(file, options.along, start=options.start, stop=options.stop, num=options.num)
 
 
-def _claimed_store(options: argparse.Namespace) -> Path:
+def claimed_store(options: argparse.Namespace) -> Path:
     """The store of the march; one that exists is refused, continued or replaced."""
     store = options.out / "mistune.zarr"
-    if store.exists() and not (options.resume or options.force):
-        raise CommandError(f"{store}: exists and is kept; give --resume to go on with it, or --force to replace it")
-    if options.force and not options.resume:
-        remove_store(store)
+    for path in (store, tuned_store(store)):
+        if path.exists() and not (options.resume or options.force):
+            raise CommandError(f"{path}: exists and is kept; give --resume to go on with it, or --force to replace it")
+        if options.force and not options.resume:
+            remove_store(path)
     return store
 
 

@@ -18,15 +18,13 @@ from jaxshroud.explorer.styles import (
     styled,
     wide,
 )
-from jaxshroud.model.modes import Mode
-from jaxshroud.plotting.animation import ARROW, MILLIMETRES
-from jaxshroud.plotting.frames import Blocks, fitting_factor, last_frames, stored_blocks
+from jaxshroud.plotting.animation import MILLIMETRES
+from jaxshroud.plotting.frames import ContactFrames, fitting_factor, last_frames, stored_blocks
 from jaxshroud.plotting.plot_blades import HARMONICS
 from jaxshroud.plotting.plot_run import CASE_STYLES, MODE_STYLES
 from jaxshroud.plotting.run_data import FEWEST_SAMPLES, RunData, contact_data, run_data
 from jaxshroud.plotting.style import ORANGE
 from jaxshroud.results.trajectory import Trajectory
-from jaxshroud.signals.spectrum import amplitude_spectrum, whole_periods
 from jaxshroud.signals.waves import blade_spectrum
 
 HISTORY_PERIODS = 10
@@ -62,15 +60,10 @@ def poincare_columns(run: RunData) -> PlotColumns:
 
 def spectrum_columns(run: RunData, most: float = 6.0) -> PlotColumns:
     """The amplitude spectrum of the left blade [m] up to a frequency in units of the drive's."""
-    x = run.ds["x"].to_numpy()[run.settled, 0]
-    rate = run.rate
-    q = run.repeats
-    n_periods = whole_periods(x.size, rate)
-    if n_periods < 1 or np.ptp(x) == 0:
+    if run.spectrum is None:
         return {"f": np.zeros(0), "a": np.zeros(0), "foot": np.zeros(0)}
-    if q:
-        x = x[x.size - int(n_periods // q * q * rate) :]
-    f, a = amplitude_spectrum(x, rate, "rectangular" if q or n_periods < 3 else "hann")
+    f, a = run.spectrum
+    a = a / run.scale.factor
     shown = (f > 0) & (f <= most)
     top = a[1:].max()
     return {"f": f[shown], "a": np.maximum(a[shown], 1e-6 * top), "foot": np.full(shown.sum(), 1e-6 * top)}
@@ -104,36 +97,24 @@ def frame_columns(run: RunData) -> tuple[PlotColumns, float]:
     frames = last_frames(run, None)
     blocks = stored_blocks(run.ds)
     factor = fitting_factor(frames, blocks)
-    rests = [np.array([blade * (blocks.l_oa + factor * blocks.gap), 0.0]) for blade in (0, 1)]
-    instants = [frames.isel(time=i) for i in range(frames.sizes["time"])]
-    corners = np.array([[blocks.corners(f, factor, rests[b], b) for b in (0, 1)] for f in instants])
+    corners = blocks.corners(frames, factor)
     columns: PlotColumns = {"t": frames["periods"].to_numpy()}
     for blade in (0, 1):
         for k in range(CORNERS):
             columns |= {f"x{blade}{k}": corners[:, blade, k, 0], f"y{blade}{k}": corners[:, blade, k, 1]}
-    return columns | _arrow_columns(frames, blocks, corners[:, 0]), factor
+    return columns | _arrow_columns(ContactFrames(frames, blocks, corners), frames["mode"].to_numpy()), factor
 
 
-def _arrow_columns(frames: xr.Dataset, blocks: Blocks, left: np.ndarray) -> PlotColumns:
-    """The contact point, and the vectors of the normal and the friction force on the right block; NaN when apart."""
-    count = len(left)
-    if "N" not in frames:
-        nothing = np.full(count, np.nan)
-        return {**dict.fromkeys(("px", "py", "nx", "ny", "fx", "fy"), nothing), "state": ["apart"] * count}
-    N, F, mode = (frames[name].to_numpy() for name in ("N", "F", "mode"))
-    place = np.nan_to_num(frames["contact_point"].to_numpy()) if "contact_point" in frames else np.zeros(count)
-    touching = (mode != Mode.APART) & (N > 0)
-    edge = left[:, 0] - left[:, 1]
-    tangent = edge / np.linalg.norm(edge, axis=1)[:, None]
-    normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
-    points = (left[:, 0] + left[:, 1]) / 2 + place[:, None] * tangent
-    scale = ARROW * blocks.l_ab / (float(np.nanmax(np.abs(N), initial=0.0)) or 1.0)
-    ends = {"p": points, "n": points + scale * N[:, None] * normal, "f": points + scale * F[:, None] * tangent}
+def _arrow_columns(contact: ContactFrames, modes: np.ndarray) -> PlotColumns:
+    """The contact point, and the ends of the normal and the friction force on the right block; NaN when apart."""
+    touching = contact.touching[:, 0] & (contact.N[:, 0].sum(axis=-1) > 0)
+    point = contact.middle[:, 0]
+    ends = {"p": point, "n": point + contact.forces[:, 0, 1], "f": point + contact.forces[:, 0, 3]}
     columns = {
         f"{name}{axis}": np.where(touching, a[:, i], np.nan) for name, a in ends.items() for i, axis in enumerate("xy")
     }
     words = {-1: "apart", **{int(mode): word for mode, (word, _) in MODE_STYLES.items()}}
-    state = [words.get(m, "contact") for m in np.where(touching, mode, -1).astype(int).tolist()]
+    state = [words.get(m, "contact") for m in np.where(touching, modes, -1).tolist()]
     return {**columns, "state": state}
 
 

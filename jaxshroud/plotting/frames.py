@@ -1,22 +1,21 @@
-"""What moving pictures of pairs and of rows share: frames, the shape of blocks, and the factor of exaggeration."""
+"""The frames of moving pictures: samples, the shape of blocks, where they touch, and the factor of exaggeration."""
 
-import abc
 import math
 import tomllib
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from matplotlib.figure import Figure
 
+from jaxshroud.model.modes import Mode
 from jaxshroud.plotting.run_data import RunData, places_of_points
-from jaxshroud.plotting.style import PlotArray
+from jaxshroud.plotting.style import BoolArray, PlotArray
 from jaxshroud.scene.checks import InputError
 
 FRAMES_PER_PERIOD = 60
 SWING = 0.15  # the largest motion, relative to the face
-FRAME_MARGIN = 0.02  # around what is shown, relative to its width
 NICE_FACTORS = (1, 2, 5)
+ARROW = 0.8  # of the largest force, relative to the face
 
 
 class Blocks(NamedTuple):
@@ -25,7 +24,7 @@ class Blocks(NamedTuple):
     l_oa: float
     l_ab: float
     alpha: float
-    gap: Any  # one number, or one for each interface
+    gaps: PlotArray  # (interfaces,)
     places: PlotArray | None = None  # of several points of contact, up the face from its middle
 
     @property
@@ -35,34 +34,66 @@ class Blocks(NamedTuple):
         a, b = np.array([self.l_oa / 2 + lean, h]), np.array([self.l_oa / 2 - lean, -h])
         return np.array([a, b, -a, -b])
 
-    def corners(self, frame: xr.Dataset, factor: float, rest: PlotArray, blade: int) -> PlotArray:
-        """The corners (4, 2) of a blade's block in a frame, whose centre is at `rest` without motion."""
-        x, y, theta = (factor * float(frame[name][blade]) for name in ("x", "y", "theta"))
-        s = math.sin(theta)
-        c = math.cos(theta)
-        return self.outline @ np.array([[c, -s], [s, c]]) + np.array([x, y]) + rest
+    def rests(self, factor: float) -> PlotArray:
+        """The x of the centres without motion, with exaggerated gaps; of a ring its circumference comes last."""
+        return np.arange(len(self.gaps) + 1) * self.l_oa + factor * np.append(0.0, np.cumsum(self.gaps))
 
-    def point_on_face(self, corners: PlotArray, contact_point: float) -> PlotArray:
-        """The place (2,) on the face of a block with these corners that touches the next one."""
-        a, b = corners[:2]
-        return (a + b) / 2 + contact_point * (a - b) / np.linalg.norm(a - b)
+    def corners(self, frames: xr.Dataset, factor: float) -> PlotArray:
+        """The corners (n, blades, 4, 2) of all blocks in all frames."""
+        x, y, theta = (factor * frames[name].to_numpy() for name in ("x", "y", "theta"))
+        s = np.sin(theta)
+        c = np.cos(theta)
+        turns = np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
+        centres = np.stack([x + self.rests(factor)[: x.shape[1]], y], axis=-1)
+        return self.outline @ turns + centres[:, :, None]
+
+    def points_on_faces(self, corners: PlotArray, contact_point: PlotArray) -> PlotArray:
+        """The places (..., 2) on the faces, which touch the next ones, of blocks with these corners (..., 4, 2)."""
+        a, b = corners[..., 0, :], corners[..., 1, :]
+        return (a + b) / 2 + contact_point[..., None] * _up_the_faces(corners)
 
 
-class Animation(abc.ABC):
-    """A figure that shows one frame after the other."""
+def _up_the_faces(corners: PlotArray) -> PlotArray:
+    """The unit vectors (..., 2) up the faces of blocks that touch the next ones."""
+    up = corners[..., 0, :] - corners[..., 1, :]
+    return up / np.linalg.norm(up, axis=-1, keepdims=True)
 
-    figure: Figure
-    frames: xr.Dataset
 
-    @abc.abstractmethod
-    def show(self, i: int) -> None:
-        """Show frame `i`."""
+class ContactFrames:
+    """The contact of each frame: where faces touch, at one point of contact or at several, and the forces there.
 
-    def fix_layout(self) -> None:
-        """Lay out the first frame, and keep the places for the others."""
-        self.show(0)
-        self.figure.draw_without_rendering()
-        self.figure.set_layout_engine("none")
+    Smooth contact has one mode, and touches where it penetrates.
+    """
+
+    touching: BoolArray  # (n, interfaces)
+    mode: PlotArray  # (n, interfaces, points)
+    N: PlotArray
+    points: PlotArray  # (n, interfaces, points, 2)
+    middle: PlotArray  # (n, interfaces, 2), where the sum of the forces acts
+    forces: PlotArray  # (n, interfaces, 4, 2) as arrows: the normal ones on both blocks, and those of friction
+    largest: float  # of the normal forces of interfaces [N]
+
+    def __init__(self, frames: xr.Dataset, blocks: Blocks, corners: PlotArray):
+        size = (frames.sizes["time"], len(blocks.gaps))
+
+        def at_interfaces(name: str) -> PlotArray:
+            return np.reshape(frames[name].to_numpy(), size) if name in frames else np.zeros(size)
+
+        mode, v, N, F, place = map(at_interfaces, ("mode", "v", "N", "F", "contact_point"))
+        left = corners[:, : size[1]]
+        self.touching = (mode != Mode.APART) & ((mode != Mode.SMOOTH) | (v > 0))
+        self.middle = blocks.points_on_faces(left, np.nan_to_num(place))
+        if blocks.places is None:
+            self.mode, self.N, self.points = (a[:, :, None] for a in (mode, N, self.middle))
+        else:
+            self.mode, self.N = (np.reshape(frames[name].to_numpy(), (*size, -1)) for name in ("point_mode", "point_N"))
+            self.points = blocks.points_on_faces(left[:, :, None], np.broadcast_to(blocks.places, self.N.shape))
+        self.largest = float(np.nanmax(np.abs(N), initial=0.0))
+        scale = ARROW * blocks.l_ab / (self.largest or 1.0)
+        up = _up_the_faces(left)
+        normal = scale * N[..., None] * np.stack([up[..., 1], -up[..., 0]], axis=-1)
+        friction = scale * F[..., None] * up
+        self.forces = np.stack([-normal, normal, -friction, friction], axis=-2)
 
 
 def last_frames(run: RunData, periods: int | None) -> xr.Dataset:
@@ -83,7 +114,8 @@ def stored_blocks(ds: xr.Dataset) -> Blocks:
     if not {"l_oa", "l_ab", "alpha"} <= set(shroud):
         raise InputError("This run does not tell the shape of its blocks; simulate it again.")
     gap = ds.attrs["gap"] if "gap" in ds.attrs else shroud["gap"]
-    return Blocks(shroud["l_oa"], shroud["l_ab"], shroud["alpha"], np.asarray(gap, float), places_of_points(ds))
+    gaps = np.broadcast_to(np.asarray(gap, float), ds.sizes.get("interface", 1))
+    return Blocks(shroud["l_oa"], shroud["l_ab"], shroud["alpha"], gaps, places_of_points(ds))
 
 
 def fitting_factor(frames: xr.Dataset, blocks: Blocks) -> float:

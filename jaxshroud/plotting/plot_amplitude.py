@@ -1,6 +1,6 @@
 """Pictures of amplitudes: of sweeps, and of responses with their branches and peaks."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +22,7 @@ from jaxshroud.plotting.page import (
     title_of,
 )
 from jaxshroud.plotting.plot_branch import LINE_STYLES, MARKER_SIZE, MARKERS, retraced, stability_runs
-from jaxshroud.plotting.plot_directions import DIRECTION_STYLES
+from jaxshroud.plotting.plot_directions import DIRECTION_STYLES, direction_entries
 from jaxshroud.plotting.run_data import points_of_member
 from jaxshroud.plotting.style import (
     BLUE,
@@ -164,19 +164,23 @@ def _draw_directions(panel: Axes, ds: xr.Dataset, values: PlotArray, unit: Ampli
 
 
 def _finish_amplitudes(figure: AnyFigure, axes: Mapping[str, Axes], shown: AmplitudeContent) -> None:
+    _finish_panels(figure, axes, shown.axis, _contact_entries(shown.ds))
+
+
+def _contact_entries(ds: xr.Dataset) -> list[Artist]:
+    """Legend entries of the motion with contact."""
+    if "direction" in ds.dims:
+        return direction_entries()
+    return [Line2D([], [], color=BLUE, lw=0.8, marker="o", ms=2, label="with contact")]
+
+
+def _finish_panels(figure: AnyFigure, axes: Mapping[str, Axes], axis: ParameterAxis, handles: Sequence[Artist]) -> None:
+    """Fit the panels to the axis, and add a legend, which tells the motion without contact if it is shown."""
     panels = [*axes.values()]
-    panels[-1].set(xlim=shown.axis.edges[[0, -1]])
+    panels[-1].set(xlim=axis.edges[[0, -1]])
     figure.align_ylabels(panels)
-    legend_below(figure, [*_direction_entries(shown.ds), Line2D([], [], label="without contact", **FREE_STYLE)])
-
-
-def _direction_entries(ds: xr.Dataset) -> list[Artist]:
-    if "direction" not in ds.dims:
-        return [Line2D([], [], color=BLUE, lw=0.8, marker="o", ms=2, label="with contact")]
-    return [
-        Line2D([], [], ls="", marker=marker, ms=size + 1.5, mew=0, color=color, label=label)
-        for label, color, marker, size in DIRECTION_STYLES.values()
-    ]
+    free = [Line2D([], [], label="without contact", **FREE_STYLE)] if set(axes) != {"P_d"} else []
+    legend_below(figure, [*handles, *free])
 
 
 class ResponseContent(NamedTuple):
@@ -301,11 +305,7 @@ RESPONSE_PANELS = (Panel("amplitude", _draw_response, 2.2), Panel("P_d", _draw_r
 
 
 def _finish_response(figure: AnyFigure, axes: Mapping[str, Axes], shown: ResponseContent) -> None:
-    panels = [*axes.values()]
-    panels[-1].set(xlim=shown.axis.edges[[0, -1]])
-    figure.align_ylabels(panels)
-    free = [Line2D([], [], label="without contact", **FREE_STYLE)] if "amplitude" in axes else []
-    legend_below(figure, [*_response_handles(shown), *free])
+    _finish_panels(figure, axes, shown.axis, _response_handles(shown))
 
 
 def _response_handles(shown: ResponseContent) -> list[Artist]:
@@ -316,7 +316,7 @@ def _response_handles(shown: ResponseContent) -> list[Artist]:
         rows = list(zip(shown.labels, shades, strict=True))[:MAX_IN_LEGEND]
         handles += [Line2D([], [], color=color, lw=0.9, label=label) for label, color in rows]
     else:
-        handles += _direction_entries(shown.ds)
+        handles += _contact_entries(shown.ds)
     every = [p for p in shown.points if p is not None]
     stable = np.concatenate([[True], *(p["stable"].to_numpy() for p in every)])
     color = INK

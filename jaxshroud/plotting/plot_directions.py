@@ -127,11 +127,16 @@ def _draw_direction_power(panel: Axes, directions: Directions) -> None:
 DIRECTION_PANELS = (Panel("samples", _draw_direction_samples, 2), Panel("P_d", _draw_direction_power))
 
 
-def _direction_handles(ds: xr.Dataset) -> list[Artist]:
-    handles: list[Artist] = [
+def direction_entries() -> list[Artist]:
+    """Legend entries of the directions."""
+    return [
         Line2D([], [], ls="", marker=marker, ms=size + 1.5, mew=0, color=color, label=label)
         for label, color, marker, size in DIRECTION_STYLES.values()
     ]
+
+
+def _direction_handles(ds: xr.Dataset) -> list[Artist]:
+    handles = direction_entries()
     for appearance in (REDUCTIONS[name] for name in _reductions_in(ds)[:-1]):
         handles.append(Line2D([], [], ls="", marker="o", ms=3.7, color=INK, label="worst blade", **appearance))
     if "coexisting" not in ds:

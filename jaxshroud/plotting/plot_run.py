@@ -33,7 +33,7 @@ from jaxshroud.plotting.style import (
     legend_below,
 )
 from jaxshroud.scene.checks import InputError, word_argument
-from jaxshroud.signals.spectrum import amplitude_spectrum, label_lines, whole_periods
+from jaxshroud.signals.spectrum import label_lines
 
 MODE_STYLES: Mapping[int, tuple[str, str]] = {
     Mode.STICK: ("stick", SKY),
@@ -161,11 +161,12 @@ def contact_handles(run: RunData, cases: bool = True) -> list[Patch]:
     contact = contact_data(run)
     modes = contact.mode if contact.point_mode is None else np.append(contact.mode, contact.point_mode)
     cases = cases and contact.point_mode is None
-    entries = _legend_entries(MODE_STYLES, modes) + (_legend_entries(CASE_STYLES, contact.case) if cases else [])
+    entries = legend_entries(MODE_STYLES, modes) + (legend_entries(CASE_STYLES, contact.case) if cases else [])
     return [Patch(color=color, label=name) for name, color in entries]
 
 
-def _legend_entries(styles: Mapping[int, tuple[str, str]], values: Iterable[int]) -> list[tuple[str, str]]:
+def legend_entries(styles: Mapping[int, tuple[str, str]], values: Iterable[int]) -> list[tuple[str, str]]:
+    """The words and colours of those of the values that have a style."""
     present = set(map(int, values))
     return [entry for value, entry in styles.items() if int(value) in present]
 
@@ -317,16 +318,11 @@ def _draw_last_periods(panel: Axes, t: PlotArray, x: PlotArray, mode: IntegerArr
 
 def _draw_lines_of_spectrum(panel: Axes, run: RunData) -> None:
     """Lines from a multiple of the period number, or a Hann-windowed curve where the motion does not repeat."""
-    x = run.x[run.settled, 0]
-    rate = run.rate
     q = run.repeats
-    n_periods = whole_periods(x.size, rate)
-    if n_periods < 1 or np.ptp(x) == 0:
+    if run.spectrum is None:
         panel.text(0.5, 0.5, "no oscillation over\na whole period", ha="center", transform=panel.transAxes)
         return
-    if q:
-        x = x[x.size - int(n_periods // q * q * rate) :]
-    f, a = amplitude_spectrum(x, rate, "rectangular" if q or n_periods < 3 else "hann")
+    f, a = run.spectrum
     top = a[1:].max()
     reach = float(np.clip(f[a > 1e-3 * top].max(), 3, 6)) + 0.25
     shown = (f > 0) & (f < 1.1 * reach)  # the others would take long to draw

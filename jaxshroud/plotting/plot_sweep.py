@@ -251,31 +251,36 @@ def _draw_motion_strip(panel: Axes, curve: Curve) -> None:
 
 def _draw_exponent(panel: Axes, curve: Curve) -> None:
     """The largest Lyapunov exponent with its interval; above 0 neighbouring motions separate."""
-    ds, axis, motion, _ = curve
-    mean, ci = (np.where(motion >= 0, ds[key].to_numpy(), np.nan) for key in ("lyapunov", "lyapunov_ci"))
-    mean = np.where(np.isfinite(mean), mean, np.nan)
     panel.axhline(0, color=GREY, lw=0.6)
-    panel.fill_between(axis.values, *interval_ends(mean, ci), color=PINK, alpha=0.35, lw=0, label="95 % interval")
-    panel.plot(axis.values, mean, color=PINK, lw=0.8, marker="" if motion.size > 100 else ".", ms=3)
-    panel.set(xlabel=axis.label, ylabel=EXPONENT_LABEL)
+    _draw_with_interval(panel, curve, "lyapunov", PINK, 0.35)
+    panel.set(ylabel=EXPONENT_LABEL)
+
+
+def _draw_with_interval(panel: Axes, curve: Curve, of: str, color: str, alpha: float) -> PlotArray:
+    """Draw a number of all lanes with its interval, and return it; it is NaN where a lane stopped."""
+    x = curve.axis.values
+    level, ci = (np.where(curve.motion >= 0, curve.ds[key].to_numpy(), np.nan) for key in (of, f"{of}_ci"))
+    level = np.where(np.isfinite(level), level, np.nan)
+    label = None if of == "P_d" and not is_visible(ci, level) else "95 % interval"
+    panel.fill_between(x, *interval_ends(level, ci), color=color, alpha=alpha, lw=0, label=label)
+    panel.plot(x, level, color=color, lw=0.8, marker="" if curve.motion.size > 100 else ".", ms=3)
+    panel.set(xlabel=curve.axis.label)
+    return level
 
 
 def _draw_curve_power(panel: Axes, curve: Curve) -> None:
     """P_d with its interval; hollow markers where the motion is aperiodic or anything is not settled."""
     ds, axis, motion, _ = curve
-    P_d, ci = (np.where(motion >= 0, ds[key].to_numpy(), np.nan) for key in ("P_d", "P_d_ci"))
+    P_d = _draw_with_interval(panel, curve, "P_d", BLUE, 0.25)
     settled = ((ds["P_d_settled"] == 1) & (ds["settled"] == 1)).to_numpy()
     aperiodic = settled & (ds["period_number"] == 0).to_numpy()
     many = motion.size > 100
-    band = "95 % interval" if is_visible(ci, P_d) else None
-    panel.fill_between(axis.values, *interval_ends(P_d, ci), color=BLUE, alpha=0.25, lw=0, label=band)
-    panel.plot(axis.values, P_d, color=BLUE, lw=0.8, marker="" if many else ".", ms=3)
     for name, marker, lanes in (("aperiodic", "o", aperiodic), ("unsettled", "D", ~settled)):
         hollow = lanes & (motion >= 0)
         style: Properties = {"ms": 1.8 if many else 2.5, "mfc": "white", "mec": MOTION_COLOURS[name], "mew": 0.5}
         if hollow.any():
             panel.plot(axis.values[hollow], P_d[hollow], marker, label=name, **style)
-    panel.set(xlabel=axis.label, ylabel="$P_d$ [%]")
+    panel.set(ylabel="$P_d$ [%]")
     limit_zoom(panel, P_d, LEAST_SPAN)
 
 

@@ -17,7 +17,7 @@ from jaxshroud.plotting.page import Scale, scale_of
 from jaxshroud.plotting.style import BoolArray, IntegerArray, PlotArray
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.point_numbers import evenly_spaced
-from jaxshroud.signals.spectrum import repeats_after
+from jaxshroud.signals.spectrum import amplitude_spectrum, repeats_after, whole_periods
 
 CONTACT = ("N", "F", "v", "u", "contact_point", "mode", "case", "point_mode", "point_F")
 FEWEST_SAMPLES = 20  # samples of a period in which contact can be seen
@@ -42,6 +42,20 @@ class RunData:
     def repeats(self) -> int:
         """The number of drive periods after which the motion repeats; 0 if it does not."""
         return repeats_after(self.x[self.settled, 0], self.rate)
+
+    @cached_property
+    def spectrum(self) -> tuple[PlotArray, PlotArray] | None:
+        """The frequencies and amplitudes of x_1 after the transient; None without an oscillation over a whole period.
+
+        Where the motion repeats they are lines, from a multiple of the period number; else a Hann-windowed curve.
+        """
+        x = self.x[self.settled, 0]
+        n_periods = whole_periods(x.size, self.rate)
+        if n_periods < 1 or np.ptp(x) == 0:
+            return None
+        if q := self.repeats:
+            x = x[x.size - int(n_periods // q * q * self.rate) :]
+        return amplitude_spectrum(x, self.rate, "rectangular" if q or n_periods < 3 else "hann")
 
 
 def run_data(ds: xr.Dataset, settled_from: float = 0.5, scale: Scale | None = None) -> RunData | None:

@@ -67,6 +67,11 @@ class SweptMotion(NamedTuple):
     settled: bool  # whether the transient is over, as far as known
 
     @property
+    def is_known(self) -> bool:
+        """Whether the lane has settled, and runs to its end."""
+        return self.settled and bool(np.isfinite(self.points).all())
+
+    @property
     def orbit(self) -> FloatArray:
         """The points of one orbit, or all points of an aperiodic motion."""
         return self.points[-self.number :] if self.number else self.points
@@ -82,7 +87,7 @@ class SweptMotion(NamedTuple):
 
 def motions_differ(a: SweptMotion, b: SweptMotion) -> bool:
     """Whether two lanes of one scene are known to have different motions."""
-    if not (np.isfinite(a.points).all() and np.isfinite(b.points).all() and a.settled and b.settled):
+    if not (a.is_known and b.is_known):
         return False
     if a.number or b.number:
         return set_distance(a.orbit, b.orbit) > max(MIN_DISTANCE, DRIFT_MULTIPLE * max(a.drift, b.drift))
@@ -91,7 +96,7 @@ def motions_differ(a: SweptMotion, b: SweptMotion) -> bool:
 
 def are_one_motion(a: SweptMotion, b: SweptMotion) -> bool:
     """Whether two lanes of one scene are known to have the same motion."""
-    if not (np.isfinite(a.points).all() and np.isfinite(b.points).all() and a.settled and b.settled):
+    if not (a.is_known and b.is_known):
         return False
     return not motions_differ(a, b) if a.number or b.number else fill_one_set(a.points, b.points) is True
 
@@ -104,7 +109,7 @@ def number_motions(lanes: Sequence[SweptMotion]) -> np.ndarray:
     first: list[SweptMotion] = []
     numbers = np.full(len(lanes), -1)
     for i, lane in enumerate(lanes):
-        if not (lane.settled and np.isfinite(lane.points).all()):
+        if not lane.is_known:
             continue
         alike = [j for j, other in enumerate(first) if not motions_differ(lane, other)]
         numbers[i] = alike[0] if alike else len(first)

@@ -26,7 +26,6 @@ from jaxshroud.signals.waves import LargestAmplitude, RowResponses, largest_ampl
 from jaxshroud.verbs.sweep import sweep
 
 PATTERN_STEP = 0.5  # of a path, in units of the radius of the ball of patterns
-TUNED_STORE = "tuned.zarr"  # of the tuned row by its sector, in the store of the patterns
 STEP_GAIN, STEP_LOSS = 1.5, 0.3  # of the step after an update that raises the amplitude, and after one that does not
 
 
@@ -238,7 +237,7 @@ def tuned_and_mistuned_responses(
 ) -> tuple[RowResponses, str | None]:
     """`swept_responses` to patterns (n, N) whose first is none: by the sector where that of the tuned row is asked for.
 
-    The sector has a store of its own within that of the patterns.
+    The sector has a store of its own beside that of the patterns.
     """
     if row.by_sector is None:
         return swept_responses(row, patterns, direction, run, store=store, resume=resume, progress=progress)
@@ -251,10 +250,14 @@ def tuned_and_mistuned_responses(
     how = {"direction": direction, "run": run, "resume": resume, "progress": tick}
     mistuned, chatter = swept_responses(row, patterns[1:], store=store, **how)
     done = (run["n_periods"] + run["transient"]) * mistuned.status.size
-    tuned, other = swept_responses(
-        row._replace(scene=row.by_sector), patterns[:1], store=None if store is None else store / TUNED_STORE, **how
-    )
+    beside = None if store is None else tuned_store(store)
+    tuned, other = swept_responses(row._replace(scene=row.by_sector), patterns[:1], store=beside, **how)
     return jax.tree.map(lambda *a: np.concatenate(a), tuned, mistuned), other or chatter
+
+
+def tuned_store(store: Path) -> Path:
+    """The store of the tuned row by its sector, beside that of the patterns."""
+    return store.with_name(f"{store.stem}_tuned{store.suffix}")
 
 
 def marched_problem(

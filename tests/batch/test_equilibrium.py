@@ -28,6 +28,7 @@ def equilibrium(name, *settings):
     return static_equilibria(jax.tree.map(lambda a: np.asarray(a)[None], scene))
 
 
+@pytest.mark.full(but=["flat", "chain"])
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
 def test_no_force_is_left_over(scene):
     found = equilibrium(*scene)

@@ -145,7 +145,7 @@ class SmallSteps:
         return q, mode
 
 
-@pytest.mark.full(but=["slips", "two points"])
+@pytest.mark.full(but=["slips"])
 @pytest.mark.parametrize("scene", {**PLANE_SCENES, **POINT_SCENES}.values(), ids={**PLANE_SCENES, **POINT_SCENES})
 def test_it_is_where_small_steps_of_the_loads_lead(scene):
     found = led(loaded(*scene))
@@ -202,6 +202,7 @@ def start_of(scene):
     return initial_states(lanes_of(scene))
 
 
+@pytest.mark.full(but=["slips", "two points"])
 @pytest.mark.parametrize("name", ["slips", "flat", "two points"])
 def test_without_friction_it_is_the_static_equilibrium(name):
     scene = loaded(*SCENES[name], "friction.mu=0")
@@ -209,6 +210,7 @@ def test_without_friction_it_is_the_static_equilibrium(name):
     np.testing.assert_allclose(led(scene).q, without.q, rtol=0, atol=1e-13 * np.abs(without.q).max())
 
 
+@pytest.mark.full(but=["slips"])
 @pytest.mark.parametrize("name", ["slips", "three pressed", "corner"])
 def test_without_loads_it_is_the_static_equilibrium(name):
     settings = [one for one in SCENES[name][1:] if "_mean" not in one]

@@ -224,7 +224,9 @@ def test_small_programs_are_cached_wherever_the_cache_is(environment, expected):
 def test_the_package_runs_as_a_command(module):
     done = subprocess.run([sys.executable, "-m", module, "plot", "nothing"], capture_output=True, text=True)
     assert done.returncode == 2
-    assert done.stderr == "nothing: no such file; give a result written by jaxshroud\n"
+    *at_work, told = done.stderr.splitlines()
+    assert told == "nothing: no such file; give a result written by jaxshroud"
+    assert all(line.startswith("plot: at work for ") for line in at_work)  # every few seconds, on a slow machine
 
 
 @pytest.mark.full

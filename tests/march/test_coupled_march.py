@@ -59,7 +59,7 @@ def plain_end(scene, t_end, flow):
 START = ("initial.x=[1e-5, -2e-5, 3e-5]", "initial.v_theta=[0.1, 0, -0.2]")
 
 
-@pytest.mark.full(but=["ring"])
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "changes", "flow", "method"),
     [

@@ -19,7 +19,7 @@ def scene_of(name, *changes):
     return js.load(name, [BENDING, *SPRINGS, *changes]).scene
 
 
-@pytest.mark.full(but=["chain"])
+@pytest.mark.full(but=["pair"])
 @pytest.mark.parametrize(
     ("name", "changes"),
     [
@@ -36,7 +36,7 @@ def test_without_contact_the_equilibrium_is_the_static_position(name, changes):
     assert np.max(np.abs(found.q[0, 0] / (np.asarray(scene.drive.F_x_mean) / 1e5) - 1)) > 1e-2
 
 
-@pytest.mark.full(but=["pair"])
+@pytest.mark.full
 @pytest.mark.parametrize(("name", "changes"), [("table1", ()), ("row_ring12", CHAIN)], ids=["pair", "chain"])
 def test_undriven_blades_stay_where_contact_and_coupling_balance(name, changes):
     scene = scene_of(name, *changes, "shroud.gap=-0.4 mm", "initial.start=static", "drive.F_0=0", "drive.M_0=0")

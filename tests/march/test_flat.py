@@ -48,7 +48,7 @@ def weak():
     return [p for p, runs_flat in zip(drawn, flat, strict=True) if runs_flat][:SCENES]
 
 
-@pytest.mark.full(but=["rk4-cubic"])
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["rk4-bisection", "rk4-cubic", "tsit5-cubic", "dopri8-cubic"])
 def test_without_torque_from_rest(table1, name):
     # M_0 = 0: theta_1 = theta_2 for ever, and every contact is flat from its first instant.
@@ -175,6 +175,7 @@ def realistic_blade(gamma: float) -> Scene:
     return Scene(blades, shroud, Contact(gamma * 3.17e4, None), Friction(1e6, 0.3), drive)
 
 
+@pytest.mark.full(but=["200"])
 @pytest.mark.parametrize("steps", [200, 526, 1000, 3000])
 def test_a_realistic_blade_does_not_stop(steps):
     # It leaves flat contact at the end of the faces' overlap, which is a slide shorter than the face: judged by the

@@ -141,6 +141,7 @@ def test_an_event_is_counted_as_often_as_many_samples_rise_beyond_the_depth(layo
     assert any(np.any(counts(unlocated, name) < counts(run, name)) for name in peaks)
 
 
+@pytest.mark.full(but=["pair"])
 def test_an_event_at_the_instant_of_an_onset_is_counted_beside_it(layout):
     run = marched(layout)
     onsets = run.last.accumulator.log.counters.onset_slip

@@ -170,7 +170,7 @@ def test_without_the_cubic_term_it_is_the_articles_law(layout):
 def test_a_scene_with_a_law_of_its_own_is_like_any_other():
     scene = with_law("pair", CubicContact, STIFFENING)
     assert law_type(scene) is CubicContact
-    found = js.power(scene, n_periods=PERIODS, transient=0, method=js.RungeKutta("dopri8", STEPS, locate="bisection"))
+    found = js.power(scene, n_periods=PERIODS, transient=0, method=js.RungeKutta(steps=STEPS))
     assert found.status == Status.OK
     with pytest.raises(js.InputError, match="not own laws"):
         js.simulate(scene, n_periods=1, method=js.Taylor())

@@ -109,6 +109,7 @@ def test_the_error_of_heuns_method_falls_with_the_square_of_the_step(layout):
     assert error(layout, STEPS, FAST) < error(layout, STEPS) / 100
 
 
+@pytest.mark.full(but=["pair"])
 def test_the_mean_penetration_while_faces_touch_is_that_of_many_samples(layout):
     run, own = true_run(layout), marched(layout, STEPS).own["touch"]
     v, touches = by_period(run.v), by_period(run.mode) != Mode.APART
@@ -119,6 +120,7 @@ def test_the_mean_penetration_while_faces_touch_is_that_of_many_samples(layout):
     assert np.all(own.integral / scene_in(layout).drive.period < want / 2)
 
 
+@pytest.mark.full(but=["pair"])
 def test_the_path_of_each_blade_is_that_of_many_samples(layout):
     x = np.asarray(true_run(layout).motion.x)
     want = np.sum(np.abs(by_period(x) - np.asarray(x)[:-1].reshape(PERIODS, FINE, -1)), axis=1)

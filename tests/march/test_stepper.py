@@ -60,6 +60,7 @@ def test_a_lane_marches_alone_as_beside_others(method, marched_alone):
         assert lane.step == beside.step[i]
 
 
+@pytest.mark.full(but=["rk4"])
 def test_a_lane_that_has_arrived_stays_as_it_is(method, marched_alone):
     begun = jax.jit(lambda gap: lane_and_constants(gap, method, jnp.int32(0))[0])(GAPS[0])
     jax.tree.map(np.testing.assert_array_equal, marched_alone(GAPS[0], np.int32(0)), begun)

@@ -17,6 +17,7 @@ from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Recorded
 from jaxshroud.model.row import prepared_row, row_rhs
 from jaxshroud.scene.blades import BladeMatrices, Blades
+from jaxshroud.scene.keys import Motion
 
 N = 6
 L = {"L0": -300 + 120j, "L1": 500 - 700j, "L_1": -200 + 900j}
@@ -178,6 +179,30 @@ class Sectors(Blades):
 def blisk():
     scene = ring(f"row.coupling.k_x={K_DISK}", 'parts.motion=["x"]', n=SECTORS)
     return eqx.tree_at(lambda s: s.blades, scene, Sectors(**vars(scene.blades)))
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_accelerations_of_blades_in_a_flow_are_those_of_loops_over_them(closed):
+    scene = ring(*SPRINGS, *FLOW, f"row.closed={str(closed).lower()}", "drive.F_0=0", "drive.M_0=0")
+    model = lanes_last(jax.tree.map(lambda a: a[None], prepared_row(scene)))
+    rng = np.random.default_rng(1)
+    b = scene.blades
+    omega = float(scene.drive.omega)
+    q, v = rng.standard_normal((2, 3, N))
+    apart = jnp.zeros((N if closed else N - 1, 1), jnp.int32)
+    now = State(Motion(*map(jnp.asarray, [*q[..., None], *v[..., None]])), jnp.zeros(apart.shape), apart, apart)
+    found = row_rhs((jnp.zeros(1), jnp.ones(1)), now, None, model, Recorded(), vmapped)[0].acceleration
+    numbers = ((b.m, b.c_x, b.k_x), (b.m, b.c_y, b.k_y), (b.I, b.c_T, b.k_T))
+    for n, (name, (m, c, k)) in enumerate(zip(K_C, numbers, strict=True)):
+        for i in range(N):
+            force = -float(k[i]) * q[n, i] - float(c[i]) * v[n, i]
+            for j, of_flow in ((i, L["L0"]), (i + 1, L["L1"]), (i - 1, L["L_1"])):
+                if closed or 0 <= j < N:
+                    other = j % N
+                    force += K_C[name] * (q[n, other] - q[n, i]) + C_C[name] * (v[n, other] - v[n, i])
+                    if name == "x":
+                        force -= of_flow.real * q[n, other] + of_flow.imag / omega * v[n, other]
+            np.testing.assert_allclose(found[n][i, 0], force / float(m[i]), rtol=1e-12)
 
 
 def test_a_published_blisk_of_24_sectors_is_assembled_by_coupling():

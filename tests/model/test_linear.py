@@ -8,6 +8,7 @@ import pytest
 from scipy.special import j0
 
 from jaxshroud.model.linear import area, free_power, power_reduction, steady_amplitudes
+from jaxshroud.model.rhs import blade_mean_square
 from jaxshroud.scene.vary import vary
 
 UNEQUAL = {
@@ -136,3 +137,15 @@ def test_a_reduction_without_drive_is_unknown_and_its_slope_is_no_infinity():
         np.testing.assert_array_equal(power_reduction(kind([1.0, 1.0]), kind([0.0, 2.0])), [np.nan, 50.0])
     slope = jax.grad(lambda P: jnp.nansum(power_reduction(P, jnp.array([0.0, 2.0]))))(jnp.array([1.0, 1.0]))
     np.testing.assert_array_equal(slope, [0.0, -50.0])
+
+
+def test_the_square_displacement_of_a_block_that_turns_is_the_mean_over_its_area():
+    # Four points of Gauss's rule are exact for squares: of a block's points, which theta turns about its middle.
+    sides = np.array([0.05, 0.0]), 0.035 * np.array([0.5, np.sqrt(0.75)])
+    theta = 0.3
+    points = np.array([(s * sides[0] + t * sides[1]) / np.sqrt(12) for s in (-1, 1) for t in (-1, 1)])
+    turn = np.array([[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]])
+    moved = points @ turn.T + (2e-3, -1e-3) - points
+    gyration = jnp.asarray((0.05**2 + 0.035**2) / 12)
+    found = blade_mean_square(2e-3, -1e-3, np.sin(theta), 1 - np.cos(theta), gyration, None)
+    np.testing.assert_allclose(found, (moved**2).sum(axis=1).mean(), rtol=1e-14)

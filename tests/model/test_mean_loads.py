@@ -51,6 +51,7 @@ def test_the_static_position_is_that_of_the_springs():
     np.testing.assert_allclose(static_position(row).x, [4e-5, 5e-5], rtol=1e-14)
 
 
+@pytest.mark.full
 def test_without_contact_power_is_about_the_static_position():
     # P = P_0, which the mean loads do not change; the motion is shifted by the static position.
     calm = ("parts.contact=none", "blades.c_x=100", "blades.c_y=200", "blades.c_T=2")

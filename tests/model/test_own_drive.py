@@ -109,6 +109,7 @@ def test_free_blades_follow_both_harmonics():
     assert np.all(np.abs(free_power(table1()) / free_power(scene) - 1) > 0.01)
 
 
+@pytest.mark.full
 def test_power_of_free_blades_is_that_of_both_harmonics():
     # A run in closed form counts every harmonic in P, as P_0 does: there is no reduction.
     scene = driven_twice(table1("parts.contact=none", "blades.c_x=100", "blades.c_y=200", "blades.c_T=2"))
@@ -116,6 +117,7 @@ def test_power_of_free_blades_is_that_of_both_harmonics():
     np.testing.assert_allclose(power.P_d, 0.0, rtol=0, atol=1e-9)
 
 
+@pytest.mark.full
 def test_a_constant_load_is_harmonic_0():
     scene = driven_twice(table1("parts.contact=none"))
     bent = eqx.tree_at(lambda s: s.drive, scene, Pressed(*jax.tree.leaves(scene.drive)))
@@ -210,7 +212,7 @@ def test_what_concerns_all_harmonics_follows_from_them():
 
 
 def test_a_file_cannot_name_it():
-    run = js.simulate(driven_twice(table1()), n_periods=1, method=js.RungeKutta(steps=200))
+    run = js.simulate(driven_twice(table1("parts.contact=none")), n_periods=3, method=js.RungeKutta(steps=64))
     with pytest.raises(js.SceneError, match="no key `own`"):
         parse(run.scene, "the scene")
 

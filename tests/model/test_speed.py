@@ -146,7 +146,7 @@ def test_two_orders_a_mean_load_and_growth_without_contact_follow_dop853(tmp_pat
     assert np.max(np.abs(np.asarray(plain.motion.x)[::100].T - wanted[0])) > 1e-3 * np.abs(wanted[0]).max()
 
 
-@pytest.mark.full(but=["pair"])
+@pytest.mark.full
 @pytest.mark.parametrize("layout", ["pair", "row"])
 def test_every_closed_form_is_that_of_a_scene_at_rest_with_these_numbers(layout):
     row = ("row.blades=3", "row.mistuning=[0.1, 0.0, -0.1]", "row.closed=true", "blades.B_x=1.3")
@@ -168,7 +168,7 @@ METHOD = js.RungeKutta(steps=200)
 
 
 def test_contact_is_that_of_a_scene_at_rest_with_these_numbers():
-    scene = scene_of()
+    scene = scene_of('parts.motion=["x", "y"]')
     runs = [js.simulate(s, n_periods=2, method=METHOD) for s in (scene, at_rest(scene))]
     found, wanted = (np.asarray(run.motion.x) for run in runs)
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())

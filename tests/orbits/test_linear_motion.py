@@ -38,11 +38,11 @@ NAMES = ("final_P", "x_mean", "x_rms", "x_peak", "y_rms", "y_peak", "N_max", "N_
 @pytest.mark.parametrize(("name", "settings"), [("table1", STUCK), ("row_ring12", RING)], ids=["pair", "ring"])
 def test_the_closed_form_is_where_the_march_settles(name, settings):
     scene = js.load(name, [*settings, "initial.start=static"]).scene
-    marched = js.power(scene, n_periods=2, transient=250, method=MARCH, amplitudes=True, forces=True)
+    how = {"n_periods": 2, "transient": 250, "method": MARCH, "amplitudes": True, "forces": True}
+    marched, slid = (js.power(one, **how) for one in (scene, js.vary(scene, "friction.mu", 0.0)))
     found = closed(scene)
     # The transient has faded by exp(-0.02 * 2 * 10^3 * 3) and the march's step leaves some 1e-13.
     np.testing.assert_allclose(numbers(found, *NAMES), numbers(marched, *NAMES), rtol=1e-9, atol=1e-18)
-    slid = js.power(js.vary(scene, "friction.mu", 0.0), n_periods=2, transient=250, method=MARCH, amplitudes=True)
     assert not np.allclose(numbers(slid, "x_rms"), numbers(found, "x_rms"), rtol=1e-3)  # the control: without friction
 
 

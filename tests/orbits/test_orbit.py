@@ -22,7 +22,7 @@ from jaxshroud.model.prepared import State, initial_state
 from jaxshroud.orbits.bifurcation import grazing_margins
 from jaxshroud.orbits.gradient import directional_derivatives
 from jaxshroud.orbits.orbit import ShootingState, describe_orbit
-from jaxshroud.orbits.shooting import moved_start
+from jaxshroud.orbits.shooting import _shooting_step, moved_start
 from jaxshroud.results.orbit import Orbit
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import PAIR
@@ -158,6 +158,19 @@ def test_no_contact_no_derivative():
     assert got.kind == "periodic"
     assert set(got.value.values()) == {0.0}
     assert got.level == pytest.approx(0.0, abs=1e-5)
+
+
+def test_newtons_step_of_a_linear_map_is_to_its_fixed_point():
+    rng = np.random.default_rng(3)
+    M = 0.4 * rng.standard_normal((7, 7))
+    shift = rng.standard_normal(7)
+    start = rng.standard_normal(7)
+    step = _shooting_step(M, M @ start + shift - start, np.array([False]))
+    np.testing.assert_allclose(start + step, np.linalg.solve(np.eye(7) - M, shift), rtol=1e-11)
+    # A free slider stays; the others go to where they return beside it.
+    held = start + _shooting_step(M, M @ start + shift - start, np.array([True]))
+    assert held[-1] == start[-1]
+    np.testing.assert_allclose((M @ held + shift)[:-1], held[:-1], rtol=1e-11)
 
 
 def test_permanent_stick_is_not_unique():

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 from test_plot_contact import HALF, run
 
-from jaxshroud.plotting.animation import PairAnimation, save_animation
+from jaxshroud.plotting.animation import POINTS_ON_EDGE, Animation, save_animation
 from jaxshroud.plotting.frames import last_frames, stored_blocks
 from jaxshroud.plotting.run_data import run_data
 from jaxshroud.scene.checks import InputError
@@ -25,14 +25,19 @@ def still(n_periods=3):
 
 def animation(ds, factor):
     at = run_data(ds)
-    return PairAnimation(last_frames(at, 1), stored_blocks(ds), factor, "")
+    return Animation(last_frames(at, 1), stored_blocks(ds), factor, "")
+
+
+def faces(shown):
+    """The corners of each block as drawn: a, b and their opposites, (N, 4, 2)."""
+    return np.stack([np.asarray(path.vertices)[:-1:POINTS_ON_EDGE] for path in shown.shapes.get_paths()])
 
 
 def test_blocks_have_their_shape_and_move_by_the_factor():
     ds = still()
     shown = animation(ds, 10.0)
     shown.show(15)  # a quarter of the period: x_1 = 1 mm, x_2 = -1 mm
-    left, right = (shape.get_xy()[:4] for shape in shown.shapes)
+    left, right = faces(shown)
     sides = np.linalg.norm(np.diff(left, axis=0, append=left[:1]), axis=1)
     np.testing.assert_allclose(sides, [0.035, 0.05, 0.035, 0.05], rtol=1e-12)
     np.testing.assert_allclose(left.mean(axis=0)[0], 10 * 1e-3, rtol=1e-3)
@@ -44,12 +49,12 @@ def test_blocks_have_their_shape_and_move_by_the_factor():
 def test_forces_act_at_the_contact_point_and_are_opposite():
     shown = animation(still(), 1.0)
     shown.show(15)
-    corner = shown.shapes[0].get_xy()[0]  # a: the upper one of the contact face
+    corner = faces(shown)[0, 0]  # a: the upper one of the contact face
     np.testing.assert_allclose(shown.arrows.get_offsets(), np.tile(corner, (4, 1)), atol=1e-12)
     U, V = shown.arrows.U, shown.arrows.V
     np.testing.assert_allclose([U[0] + U[1], V[0] + V[1], U[2] + U[3], V[2] + V[3]], 0, atol=1e-15)
     # The normal force pushes the left block to the left, at right angles to the face; mu N = N / 2 along it.
-    np.testing.assert_allclose([U[0], V[0]] @ (corner - shown.shapes[0].get_xy()[1]), 0, atol=1e-15)
+    np.testing.assert_allclose([U[0], V[0]] @ (corner - faces(shown)[0, 1]), 0, atol=1e-15)
     assert U[0] < 0
     np.testing.assert_allclose(np.hypot(U[2], V[2]) / np.hypot(U[0], V[0]), 0.5, rtol=1e-12)
     shown.show(45)

@@ -284,6 +284,6 @@ def test_nothing_that_moves_leaves_the_frame():
     for i in range(shown.frames.sizes["time"]):
         shown.show(i)
         tips = shown.arrows.get_offsets() + np.stack([shown.arrows.U, shown.arrows.V], axis=-1)
-        points = np.concatenate([*(shape.get_xy() for shape in shown.shapes), tips])
+        points = np.concatenate([*(np.asarray(path.vertices) for path in shown.shapes.get_paths()), tips])
         assert ((points > [left, low]) & (points < [right, high])).all()
     assert shown.cursor.get_xdata()[0] == pytest.approx(float(shown.frames["periods"][-1]))

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 import xarray as xr
+from test_animation import faces
 
 import jaxshroud as js
 from jaxshroud.model.modes import Mode
-from jaxshroud.plotting.animation import MILLIMETRES, save_animation
+from jaxshroud.plotting.animation import MILLIMETRES, Animation, save_animation
 from jaxshroud.plotting.frames import last_frames, stored_blocks
-from jaxshroud.plotting.row_animation import RowAnimation
 from jaxshroud.plotting.run_data import run_data
 from jaxshroud.scene.keys import Motion
 
@@ -34,13 +34,7 @@ def stored(closed, x=0.0):
 def animation(ds, factor):
     run = run_data(ds, scale=MILLIMETRES)
     assert run is not None
-    return RowAnimation(last_frames(run, 1), stored_blocks(ds), factor, "")
-
-
-def faces(shown):
-    """The corners of each block as drawn: a, b and their opposites, (N, 4, 2)."""
-    per_edge = len(shown.shapes[0].get_xy()) // 4
-    return np.stack([shape.get_xy()[: 4 * per_edge : per_edge] for shape in shown.shapes])
+    return Animation(last_frames(run, 1), stored_blocks(ds), factor, "")
 
 
 def test_a_ring_closes_and_its_gaps_are_to_scale():
@@ -67,9 +61,10 @@ def test_marks_are_where_blocks_touch_and_nothing_leaves_the_frame(closed):
     marked = []
     for i in range(shown.frames.sizes["time"]):
         shown.show(i)
-        points = np.concatenate([shape.get_xy() for shape in shown.shapes])
+        points = np.concatenate([np.asarray(path.vertices) for path in shown.shapes.get_paths()])
         assert ((points > [left, low]) & (points < [right, high])).all()
         marked.append(len(shown.marks.get_offsets()))
+        assert not shown.arrows.get_visible()  # which are of pairs
     np.testing.assert_array_equal(marked, (shown.frames["mode"] == Mode.STICK).sum("interface"))
     assert 0 < np.mean(marked) < 1
 

@@ -86,6 +86,15 @@ def test_a_dying_transient_is_not_settled(q):
     assert (int(periodicity(later).number), bool(periodicity(later).settled)) == (q, True)
 
 
+def test_noise_whose_returns_shrink_is_not_settled():
+    # A burst early on widens the intervals of all means, so that no drift is seen in them; the returns are seen to die.
+    noise = np.random.default_rng(5).standard_normal(400)
+    assert bool(periodicity(noise).settled)  # control: without the burst
+    noise[50] = 30.0
+    found = periodicity(noise)
+    assert (int(found.number), bool(found.settled)) == (0, False)
+
+
 def test_lanes_keep_their_shape_and_do_not_disturb_each_other():
     lanes = np.stack([orbit(q) for q in (3, 16, 1, 17, 2, 8)]).reshape(2, 3, 96)
     lanes[1, 0] = np.nan

@@ -150,6 +150,7 @@ def test_without_contact_both_agree():
     assert jnp.all(free_power(scene) > 0)
 
 
+@pytest.mark.full
 def test_interference_that_displaces_a_block_is_told(pressed):
     # By hand: N = 1 mm / (1/k + 2/k_x) and x = N / k_x; y moves freely by F_0 / |k_y - m omega^2|.
     # Control: 1 um of interference displaces the block by a thousandth of that, below a tenth of the free amplitude.

@@ -18,6 +18,7 @@ import json
 import tokenize
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -51,9 +52,21 @@ def room_of(path: Path) -> str:
     return TESTS.get("/".join(parts[:2]), "tests")
 
 
+@cache
+def parsed(source: str) -> ast.Module:
+    """The tree of a source, made once."""
+    return ast.parse(source)
+
+
+@cache
+def nodes_of(tree: ast.Module) -> list[ast.AST]:
+    """All nodes of a tree, listed once."""
+    return [*ast.walk(tree)]
+
+
 def worth_their_tokens(tree: ast.Module) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
     """Where annotations and the names of keyword arguments stand: (line, column) of the first and behind the last."""
-    for node in ast.walk(tree):
+    for node in nodes_of(tree):
         for name in ("annotation", "returns"):
             noted = getattr(node, name, None)
             if isinstance(noted, ast.expr):
@@ -70,7 +83,7 @@ def _place(node: ast.expr) -> tuple[tuple[int, int], tuple[int, int]]:
 
 def counted_tokens(source: str) -> int:
     """The tokens of a source without what is worth them."""
-    spared = list(worth_their_tokens(ast.parse(source)))
+    spared = list(worth_their_tokens(parsed(source)))
     by_line: dict[int, list[tuple[tuple[int, int], tuple[int, int]]]] = {}
     for first, behind in spared:
         for line in range(first[0], behind[0] + 1):
@@ -113,7 +126,7 @@ def is_record(node: ast.AST) -> bool:
 
 def splats_into_records(trees: Iterable[ast.Module]) -> int:
     """How many records of some sources are filled by position from what a splat gives."""
-    nodes = [node for tree in trees for node in ast.walk(tree)]
+    nodes = [node for tree in trees for node in nodes_of(tree)]
     records = {node.name for node in nodes if isinstance(node, ast.ClassDef) and is_record(node)}
     calls = [
         node for node in nodes if isinstance(node, ast.Call) and any(isinstance(a, ast.Starred) for a in node.args)
@@ -123,7 +136,7 @@ def splats_into_records(trees: Iterable[ast.Module]) -> int:
 
 def annotated_share(trees: Iterable[ast.Module]) -> int:
     """The share of arguments with an annotation, in parts per thousand."""
-    functions = (node for tree in trees for node in ast.walk(tree) if isinstance(node, Functions))
+    functions = (node for tree in trees for node in nodes_of(tree) if isinstance(node, Functions))
     arguments = [
         argument
         for function in functions
@@ -140,10 +153,10 @@ def counts(root: Path = ROOT) -> dict[str, int]:
     tokens: Counter[str] = Counter()
     for path, source in (package | tests).items():
         tokens[room_of(path.relative_to(root))] += counted_tokens(source)
-    trees = {path: ast.parse(source) for path, source in package.items()}
+    trees = {path: parsed(source) for path, source in package.items()}
     unlike: Counter[str] = Counter()
     for path, tree in trees.items():
-        unlike[room_of(path.relative_to(root))] += sum(map(is_unlike, ast.walk(tree)))
+        unlike[room_of(path.relative_to(root))] += sum(map(is_unlike, nodes_of(tree)))
     others = [path for path in (root / PACKAGE).rglob("*") if path.suffix in OTHER]
     return {
         **{f"tokens of {room}": count for room, count in sorted(tokens.items())},

@@ -47,6 +47,7 @@ def test_stores_and_maps_have_the_same_intervals(swept, tmp_path):
     assert table.summary()["too few periods"] == TOO_FEW
 
 
+@pytest.mark.full
 def test_an_interrupted_sweep_has_no_interval_of_what_did_not_run():
     def stop(done, _):
         if done > HOW["transient"] + HOW["n_periods"]:  # of the first value
@@ -61,6 +62,7 @@ def test_an_interrupted_sweep_has_no_interval_of_what_did_not_run():
     assert np.isnan(found.x_rms_ci[~ran]).all()
 
 
+@pytest.mark.full
 def test_the_summary_says_of_how_many_periods_a_peak_is_and_how_many_to_keep(swept, tmp_path, capsys):
     assert swept.settling[2] == UNKNOWN_IF_SETTLED
     assert swept.unjudged.tolist() == [False, False, True]

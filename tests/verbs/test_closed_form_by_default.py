@@ -80,6 +80,7 @@ def test_a_mixed_batch_is_marched():
     assert default_state(scenes, None) is None
 
 
+@pytest.mark.full
 def test_power_says_so_and_agrees_with_the_march():
     found = js.power(stuck(), **SHORT)
     assert "stuck" in form_of(found)
@@ -149,6 +150,7 @@ def test_a_warning_of_an_accuracy_is_printed_once(tmp_path, capsys):
     assert capsys.readouterr().err.count("not examined") == 1
 
 
+@pytest.mark.full
 def test_nothing_that_moves_has_no_peak():
     scene = js.load("table1", [*STUCK, "drive.beta=90 deg"]).scene
     found = js.response(scene, "drive.omega", 100.0, 200.0, num=9, of="theta_peak", linear="stuck", **SHORT)

@@ -191,7 +191,7 @@ def test_events_change_the_state_and_not_the_place(marched):
 
 
 @LONG
-@pytest.mark.full(but=["table1"])
+@pytest.mark.full
 def test_the_largest_forces_are_no_less_than_any_state_shows(marched):
     p, run, swept = marched
     states = run.with_events()

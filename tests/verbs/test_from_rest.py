@@ -67,6 +67,10 @@ def test_the_sheet_judges_the_motion_about_that_position():
     without = js.check(js.load("table1", [*STUCK, *LOADS, FROM_REST[0]])).settled
     assert held.state == without.state == "stuck"
     assert held.slip < without.slip - 1.0  # the mean load takes a part of the limit [N]
+
+
+@pytest.mark.full
+def test_the_sheet_tells_what_slips_and_what_cannot_be_followed():
     slips = js.check(js.load("table1", [*STUCK, *FROM_REST, "drive.F_y_mean=[300,-500]", "friction.mu=0.3"])).settled
     assert slips.words.startswith("marched: ")
     lost = js.check(js.load("table1", [*LOST, *FROM_REST])).settled

@@ -67,7 +67,10 @@ OF_MANY = ("simulate", "sweep", "power", "orbit", "lyapunov", "sweep lyapunov", 
 LONG = ("report", "trade", "fit", "tune x", "basins", "sweep lyapunov", "gradient of x")
 COMMONEST = ("never touches", "always stuck")
 EVERY_DAY = {
-    **dict.fromkeys(("simulate events", "sweep", "gradient", "check"), ("never touches", "always stuck", "no drive")),
+    "simulate events": ("always stuck", "no drive"),
+    "sweep": ("never touches", "always stuck"),
+    "gradient": ("always stuck",),
+    "check": ("no drive",),
 }
 
 

@@ -41,6 +41,7 @@ def test_the_advice_of_a_row_is_on_all_of_its_interfaces():
         explained(3, 'parts.contact="none"')
 
 
+@pytest.mark.full
 def test_the_command_tells_the_events_of_all_interfaces(capsys):
     assert cli.main(["explain", "row_chain5", "--set", IN_X, "--steps-per-period", "200"]) == 0
     lines = capsys.readouterr().out

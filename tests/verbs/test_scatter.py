@@ -68,6 +68,7 @@ def test_shares_of_what_does_not_vary_are_undefined(over, of, tmp_path):
     save_figure(found.plot(), tmp_path / "a.png")
 
 
+@pytest.mark.full
 def test_a_draw_that_stops_counts_as_missed(tmp_path):
     wild = js.vary(SCENE, "initial.x", [1e25, 0.0])
     coarse = js.RungeKutta(steps=100, precision="float32")  # in which their squares overflow

@@ -1,6 +1,7 @@
 """Rings by their sector: a small ring in the place of a large one, in all that results tell, and what it cannot see."""
 
 import tomllib
+from argparse import Namespace
 
 import equinox as eqx
 import jax
@@ -14,6 +15,8 @@ from jaxshroud.batch.runs import folded, run_lanes
 from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.tangents import run_flow
 from jaxshroud.cli import commands as cli
+from jaxshroud.cli.mistune import claimed_store
+from jaxshroud.cli.terminal import CommandError
 from jaxshroud.march.method import choices
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.config import load, parse
@@ -104,7 +107,7 @@ def test_a_small_ring_moves_as_the_whole_one_in_all_coordinates(options, states)
 
 
 def test_a_sweep_tells_the_same_of_every_blade():
-    how = {"n_periods": 6, "transient": 6, "method": METHOD, "forces": True, "amplitudes": True}
+    how = {"n_periods": 6, "transient": 6, "method": js.RungeKutta(steps=200), "forces": True, "amplitudes": True}
     omega = {"drive.omega": np.array([500.0, 536.0, 600.0])}
     whole, small = (js.sweep(one, omega, **how) for one in (ring(), by_sector(ring())))
     differences = largest_difference(whole, small)
@@ -261,13 +264,18 @@ def test_a_tuned_row_goes_by_its_sector_and_patterns_whole(tmp_path, monkeypatch
     assert lanes == [(4, 1, 6), (4, 2, 2)]  # a design without a random part and two patterns; the tuned row
     assert done[-1] == (32, 32)
     assert not {name: d for name, d in largest_difference(whole, small).items() if d > 1e-9}
-    stored = js.mistune(one, SPEEDS, store=tmp_path / "a.zarr", **how)
+    stored = js.mistune(one, SPEEDS, store=tmp_path / "mistune.zarr", **how)
     lanes.clear()
-    again = js.mistune(one, SPEEDS, store=tmp_path / "a.zarr", resume=True, **how)
+    again = js.mistune(one, SPEEDS, store=tmp_path / "mistune.zarr", resume=True, **how)
     assert not lanes
     for found in (stored, again):
         assert not {name: d for name, d in largest_difference(small, found).items() if d > 0}
     assert parse(small.scene, "again").scene.row.sector == "auto"
+    assert {path.name for path in tmp_path.iterdir()} == {"mistune.zarr", "mistune_tuned.zarr"}
+    with pytest.raises(CommandError, match="--force to replace it"):
+        claimed_store(Namespace(out=tmp_path, resume=False, force=False))
+    claimed_store(Namespace(out=tmp_path, resume=False, force=True))
+    assert not list(tmp_path.iterdir())
 
 
 UNLIKE = "row.mistuning differs"

@@ -6,7 +6,7 @@ import os
 import shutil
 import signal
 import uuid
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -52,9 +52,9 @@ def scene():
 
 @pytest.fixture(scope="module")
 def whole(scene, small, tmp_path_factory):
-    """Stores of sweeps that nothing has ended, by their direction."""
+    """Stores of sweeps that nothing has ended, by their direction, each made when it is first asked for."""
     out = tmp_path_factory.mktemp("whole")
-    return {way: run(scene, way, out / f"{way}.zarr") for way in WAYS}
+    return cache(lambda way: run(scene, way, out / f"{way}.zarr"))
 
 
 def run(scene, way, path, **more):
@@ -63,7 +63,7 @@ def run(scene, way, path, **more):
 
 def kept(whole):
     """Where the store of independent lanes is."""
-    return Path(whole["independent"].data.encoding["source"])
+    return Path(whole("independent").data.encoding["source"])
 
 
 def same(found, exact):
@@ -78,7 +78,7 @@ def same(found, exact):
 @pytest.mark.parametrize("way", WAYS)
 def test_a_store_has_the_numbers_of_a_sweep_in_memory(scene, whole, way):
     exact = js.sweep(scene, WAYS[way], direction=way, **SHORT).data.drop_vars("jump", errors="ignore")
-    found = whole[way].data  # which does not run lanes between values: it has the steep steps alone
+    found = whole(way).data  # which does not run lanes between values: it has the steep steps alone
     assert dict(found.sizes) == dict(exact.sizes)
     assert set(found.variables) == set(exact.variables)
     assert found.attrs == exact.attrs
@@ -94,6 +94,8 @@ def test_a_store_has_the_numbers_of_a_sweep_in_memory(scene, whole, way):
 @pytest.mark.full(but=["both"])
 @pytest.mark.parametrize("way", WAYS)
 def test_a_run_killed_anywhere_goes_on_to_the_same_bits(scene, whole, way, tmp_path, monkeypatch, written):
+    exact = whole(way)
+    written.clear()
     left, setitem, savez, run_lanes = [0], zarr.Array.__setitem__, np.savez, continuation.run_lanes
     computed: list[int] = []  # values that follow each other, one after the other
 
@@ -122,12 +124,12 @@ def test_a_run_killed_anywhere_goes_on_to_the_same_bits(scene, whole, way, tmp_p
         with pytest.raises(Killed):
             run(scene, way, tmp_path / "a.zarr", resume=True)
     left[0] = -1
-    same(run(scene, way, tmp_path / "a.zarr", resume=True), whole[way])
+    same(run(scene, way, tmp_path / "a.zarr", resume=True), exact)
     again = len(written) - len(set(written))
     assert again <= len(kills)  # those under way
     assert len(computed) <= VALUES.get(way, 0) + len(kills)  # from the last that was finished
     before = len(written)
-    same(run(scene, way, tmp_path / "a.zarr", resume=True), whole[way])
+    same(run(scene, way, tmp_path / "a.zarr", resume=True), exact)
     assert len(written) == before
 
 
@@ -146,7 +148,7 @@ def test_an_interrupted_store_tells_what_ended_and_goes_on(scene, whole, tmp_pat
     status = stopped.value.done.status
     assert set(status) == {js.Status.OK, js.Status.NOT_RUN}
     np.testing.assert_array_equal(np.isfinite(stopped.value.done.P_d), status == js.Status.OK)
-    same(run(scene, "independent", tmp_path / "a.zarr", resume=True), whole["independent"])
+    same(run(scene, "independent", tmp_path / "a.zarr", resume=True), whole("independent"))
 
 
 def test_an_interrupted_sweep_in_all_directions_keeps_those_that_had_ended(scene, whole):
@@ -161,7 +163,7 @@ def test_an_interrupted_sweep_in_all_directions_keeps_those_that_had_ended(scene
     assert found.steep is None  # unknown until all have run
     ran = found.status == js.Status.OK
     assert ran.sum(axis=1).tolist() == [7, 1, 0]
-    np.testing.assert_array_equal(found.P_d[ran], whole["both"].P_d[ran])
+    np.testing.assert_array_equal(found.P_d[ran], whole("both").P_d[ran])
     assert np.isnan(found.P_d[~ran]).all()
 
 
@@ -203,6 +205,7 @@ DAMAGES = {
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_damage_is_refused_and_computed_again(scene, whole, tmp_path, written, capsys, damage):
     path = shutil.copytree(kept(whole), tmp_path / "a.zarr")
+    written.clear()
     place, done, again = DAMAGES[damage]
     done(path / place)
     with pytest.raises(
@@ -213,9 +216,9 @@ def test_damage_is_refused_and_computed_again(scene, whole, tmp_path, written, c
         assert cli.main(words) == 2
         told = capsys.readouterr()
         assert (told.out, told.err.count("\n")) == ("", 1)
-    same(run(scene, "independent", path, resume=True), whole["independent"])
+    same(run(scene, "independent", path, resume=True), whole("independent"))
     assert written == again
-    same(js.open(path), whole["independent"])
+    same(js.open(path), whole("independent"))
     assert files(path) == files(kept(whole))
 
 
@@ -225,12 +228,12 @@ def files(path):
 
 
 def test_what_is_told_of_all_directions_is_not_lost_in_silence(scene, whole, tmp_path):
-    exact = Path(whole["both"].data.encoding["source"])
+    exact = Path(whole("both").data.encoding["source"])
     path = shutil.copytree(exact, tmp_path / "a.zarr")
     shutil.rmtree(path / "steep")
     with pytest.raises(js.StoreError, match=r"damaged \(a description"):
         js.open(path)
-    same(run(scene, "both", path, resume=True), whole["both"])
+    same(run(scene, "both", path, resume=True), whole("both"))
     assert files(path) == files(exact)
 
 
@@ -241,7 +244,7 @@ def test_what_is_not_the_beginning_of_a_block_is_not_taken(scene, whole, tmp_pat
         run(scene, "forward", path, progress=interrupt_at(0.4))
     assert 0 < (stopped.value.done.status == js.Status.OK).sum() < 20
     damage(path / "resume" / "0-0.npz")
-    same(run(scene, "forward", path, resume=True), whole["forward"])
+    same(run(scene, "forward", path, resume=True), whole("forward"))
 
 
 def interrupt_at(share):
@@ -270,7 +273,7 @@ def test_a_damaged_coordinate_is_written_again(scene, whole, tmp_path):
     flip(path / "gamma" / "c" / "0")
     with pytest.raises(js.StoreError, match=r"a.zarr: damaged .*checksum.*--resume"):
         js.open(path)
-    same(run(scene, "independent", path, resume=True), whole["independent"])
+    same(run(scene, "independent", path, resume=True), whole("independent"))
 
 
 def test_a_store_of_something_else_is_refused_with_the_difference(scene, tmp_path, whole):
@@ -302,7 +305,7 @@ def test_a_second_writer_is_refused_while_the_first_lives(scene, whole, tmp_path
         fcntl.flock(lock, fcntl.LOCK_EX)
         with pytest.raises(js.StoreError, match="another process is writing"):
             run(scene, "independent", path, resume=True)
-    same(run(scene, "independent", path, resume=True), whole["independent"])  # closed as by the end of a process
+    same(run(scene, "independent", path, resume=True), whole("independent"))  # closed as by the end of a process
 
 
 @pytest.fixture
@@ -388,7 +391,7 @@ def test_an_accuracy_is_kept_and_what_misses_it_is_marked(words, tmp_path):
 
 def test_an_interrupted_command_says_how_to_go_on(words, tmp_path, capsys, monkeypatch, whole):
     def stop(*_, **__):
-        raise js.Interrupted(whole["independent"])
+        raise js.Interrupted(whole("independent"))
 
     monkeypatch.setattr(sweep_verb, "sweep", stop)
     assert cli.main(words) == 130
@@ -475,7 +478,7 @@ def test_what_lies_beside_the_arrays_of_a_store_stays(whole, scene, tmp_path):
     (path / "mydata").mkdir()
     (path / "mydata" / "thesis.txt").write_text("years of work")
     (path / "zarr.json").unlink()  # as if killed before it was a store
-    same(run(scene, "independent", path, resume=True), whole["independent"])
+    same(run(scene, "independent", path, resume=True), whole("independent"))
     (path / "resume" / "zarr.json").unlink()
     with pytest.raises(js.StoreError, match="stays as it is"):
         run(scene, "independent", path, resume=True)
@@ -512,8 +515,8 @@ def test_what_kills_have_left_is_removed_and_nothing_else(whole, scene, tmp_path
         part.write_bytes(b"half")
     for other in others:
         other.write_text("years of work")
-    same(js.open(path), whole["independent"])  # warnings are errors here
-    same(run(scene, "independent", path, resume=True), whole["independent"])
+    same(js.open(path), whole("independent"))  # warnings are errors here
+    same(run(scene, "independent", path, resume=True), whole("independent"))
     assert not any(part.exists() for part in ours)
     assert {other.read_text() for other in others} == {"years of work"}
 
@@ -537,7 +540,7 @@ def test_a_kill_while_an_array_is_described_can_be_gone_on_with(whole, scene, tm
     (path / "P_d").mkdir()
     for left in (left_of(path / "zarr.json"), zarrs_left_of(path / "P_d" / "zarr.json")):
         left.write_text("half")
-    same(run(scene, "independent", path, resume=True), whole["independent"])
+    same(run(scene, "independent", path, resume=True), whole("independent"))
     assert files(path) == files(kept(whole))
 
 
