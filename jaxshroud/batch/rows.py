@@ -28,7 +28,6 @@ from jaxshroud.march.forces_and_energy import contact_spring_energy, energy_resi
 from jaxshroud.march.log import accumulator_of_new_period
 from jaxshroud.march.method import Choices
 from jaxshroud.march.row_trial import begin_row, row_trial
-from jaxshroud.march.stepper import alone
 from jaxshroud.model.arithmetic import ZERO, Unrolled, filled, is_unrolled, is_zero, total
 from jaxshroud.model.modes import FLAT, Status
 from jaxshroud.model.points_contact import points_last
@@ -120,7 +119,7 @@ def carried_row(state: State, model: RowModel) -> State:
 def march_rows(lanes: Lane, fixed: Fixed, method: Choices, each: EachLane, passes: Int[Array, ""] | None = None) -> Any:
     """Run every row to the start of step `stop`, or until its status is not OK; `passes` as in `periods.march`."""
     if is_unrolled(lanes.state.case):
-        one = jax.jit(lambda lanes: each(lambda lane, fixed: row_trial(lane, fixed, method, alone), lanes, fixed))
+        one = jax.jit(lambda lanes: row_trial(lanes, fixed, method, each))
         return repeated_trials(one, lanes, fixed.stop, False, passes=passes)
     return repeated_trials(lambda lanes: row_trial(lanes, fixed, method, each), lanes, fixed.stop, True, passes=passes)
 

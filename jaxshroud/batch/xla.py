@@ -27,9 +27,9 @@ from jaxshroud.cache.garbage import no_garbage_collected
 from jaxshroud.cache.programs import is_traced, kept
 from jaxshroud.march.carry import EachLane
 from jaxshroud.march.method import Choices
-from jaxshroud.march.stepper import StageGroups, stepper_for
+from jaxshroud.march.stepper import stepper_for
 from jaxshroud.model.arithmetic import Scalar
-from jaxshroud.model.contact_law import ContactLaw
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.typed import Tree
 
 WIDE_VECTORS = {"xla_cpu_prefer_vector_width": 512}  # the widest registers, where the CPU has them
@@ -38,13 +38,7 @@ FOR_SERIES = WIDE_VECTORS | {"xla_cpu_use_fusion_emitters": False}
 
 Its kernels have 3,000 to 8,000 operations: the usual emitter takes minutes for them, this one seconds.
 """
-STAGES_AT_ONCE = 7  # in one kernel
-STAGES_WITH_EVENTS = 4  # in one kernel with the rest of a trial
-DUAL_STAGES = 4  # in one kernel with tangents
 DUAL_NUMBERS = 160  # of values and tangents in one kernel; with more, two kernels are faster
-LONG_LAW_STAGE_SHARE = (
-    0.75  # of these for laws that are long, as smooth contact's: with more, order 8 is 60 times slower
-)
 
 
 def compiled(*static: str) -> Callable[[Callable], Callable]:
@@ -71,7 +65,8 @@ def compiled(*static: str) -> Callable[[Callable], Callable]:
             method: Choices | None = given.get("method")
             if method is not None:
                 given["method"] = method.as_static
-            has_large = method is not None and (stepper_for(method).large_kernels or (not method.derivative))
+            scenes = given.get("scenes")
+            has_large = method is not None and _has_large_kernels(method, getattr(scenes, "value", scenes))
             if is_traced((args, kwargs)) or not accepts_options(has_large):
                 return plain(*args, **kwargs)
             if method is None or not has_large:
@@ -84,6 +79,11 @@ def compiled(*static: str) -> Callable[[Callable], Callable]:
         return call
 
     return decorate
+
+
+def _has_large_kernels(method: Choices, scenes: Any) -> bool:
+    """Whether the kernels of a march have thousands of operations: those of pairs, whose axes are unrolled."""
+    return stepper_for(method).large_kernels or scenes.layout == PAIR
 
 
 @cache
@@ -226,18 +226,9 @@ def _probe_function(lane: Any) -> dict[str, Any]:
     return {"state": (x, v), "count": n, "held": held, "passed": passed, "done": n > 6}
 
 
-def stage_groups(method: Choices, law: ContactLaw) -> StageGroups | None:
-    """The stages after which a trial is split into kernels; None where trial and update are one kernel together."""
-    if stepper_for(method).large_kernels:
-        return ()
-    size = len(method.rk.b)
-    if law.fills_kernels:
-        return tuple(range(1, size))
-    if size <= STAGES_WITH_EVENTS and not method.derivative:
-        return () if method.has_long_accumulator else None
-    at_once = DUAL_STAGES if method.derivative else STAGES_AT_ONCE
-    at_once = int(at_once * LONG_LAW_STAGE_SHARE) if law.is_long else at_once
-    return tuple(range(at_once, size, at_once))
+def has_several_kernels(method: Choices) -> bool:
+    """Whether the trial of a pair is made of several kernels."""
+    return stepper_for(method).large_kernels or method.derivative
 
 
 def repeated_while(

@@ -5,6 +5,8 @@ each has an instant of its own, which a direction may move apart from the others
 their order does not matter.
 """
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -20,9 +22,16 @@ from jaxshroud.march.row_guards import row_guards
 from jaxshroud.model.arithmetic import ZERO, any_along, is_place, is_unrolled, total, where, zeros_for
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Integrals
-from jaxshroud.model.row import Cluster, Each, RowModel, clusters_of, row_rhs
+from jaxshroud.model.row import Cluster, Each, RowModel, alone, clusters_of, row_rhs
 
 OfLanes = Float[Array, " lanes"]
+
+
+def whole(each: Each, f: Callable[..., Any], *trees: Any) -> Any:
+    """`f(*trees, each=...)` of rows: of unrolled ones as one kernel, of others with its own kernels."""
+    if each is alone or not any(map(is_unrolled, jax.tree.leaves(trees, is_leaf=is_unrolled))):
+        return f(*trees, each=each)
+    return each(partial(f, each=alone), *trees)
 
 
 class RowStepEnd(NamedTuple):
@@ -141,7 +150,10 @@ def differentiable_event_end(
     def still():
         return (end, length)
 
-    return lax.cond(jnp.any(ends), lambda: _at_root(end, lane, ends, crossing, fixed, method, each), still)
+    def at_root():
+        return whole(each, partial(_at_root, method=method), end, lane, ends, crossing, fixed)
+
+    return lax.cond(jnp.any(ends), at_root, still)
 
 
 def _at_root(

@@ -18,6 +18,7 @@ from jaxshroud.march.carry import (
     Fixed,
     InterfaceChange,
     Lane,
+    Search,
     TimeGrid,
     change_at,
     following_search,
@@ -68,6 +69,7 @@ from jaxshroud.march.row_step import (
     differentiable_event_end,
     one_after_the_other,
     row_step,
+    whole,
 )
 from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, any_along, is_unrolled, is_zero, total, where, zeros_for
 from jaxshroud.model.modes import FLAT, Status
@@ -76,6 +78,7 @@ from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.row import (
     Each,
     RowModel,
+    alone,
     blade_energies,
     clusters,
     clusters_of,
@@ -94,7 +97,7 @@ def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Lan
     turns = None
     if model.turns_by_events and len(state.case) > 1:
         turns = jax.tree.map(jnp.zeros_like, state.case)
-    search = new_search(lanes, lanes, jnp.ones(lanes.shape, bool), count, method.locate, False, of_row=True)
+    search = new_search(lanes, lanes, jnp.ones(lanes.shape, bool), count, method.locate, of_row=True)
     search = search._replace(pending=pending, turns=turns)
     zero_step = interval_in_step(count, lanes, lanes, TimeGrid(lanes, lanes, lanes, lanes))
     nothing = zeros_for(lambda: row_step(zero_step, state, clusters_of(state, model), model, method, each).gain)
@@ -157,7 +160,7 @@ def interface_change(
 
 
 class RowVerdict(NamedTuple):
-    """What a trial leads to. Nothing here has a derivative."""
+    """What a trial leads to."""
 
     decision: LocationDecision
     outcome: InterfaceOutcome  # of each interface
@@ -165,6 +168,11 @@ class RowVerdict(NamedTuple):
     torque: Any  # of each interface, see `row_torques`, and so is the next
     joint: Any
     not_finite: Bool[Array, " lanes"]
+
+    @property
+    def differentiable(self) -> tuple[Any, ...]:
+        """The fields that may have a tangent: none."""
+        return ()
 
 
 def judge_row_trial(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method: Choices, each: Each) -> RowVerdict:
@@ -191,19 +199,42 @@ def judge_row_trial(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method:
 
 def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -> Lane:
     """One trial step of every lane that has neither arrived nor failed, and what follows from its end."""
-    model, grid, stop = fixed.model, fixed.grid, fixed.stop
-    cluster = clusters_of(lane.state, model)
-    interval = trial_interval(lane, grid)
-    end = row_step(interval, lane.state, cluster, model, method, each)
-    if not model.interfaces.law.has_events:
-        return _without_events(lane, end, running(lane, stop), interval.h, model, method, each)
-    verdict = judge_row_trial(lane, end, fixed, method, each)
-    decision, search = verdict.decision, lane.search
-    repeated = decision.search._replace(done=search.done, pending=search.pending, turns=search.turns)
+    if is_unrolled(lane.state.case) and not method.derivative and each is not alone:
+        return each(lambda lane, fixed: row_trial(lane, fixed, method, alone), lane, fixed)
+    end = whole(each, partial(step_of_trial, method=method), lane, fixed)
+    if not fixed.model.interfaces.law.has_events:
+        return whole(each, partial(_without_events, method=method), lane, end, fixed)
+    verdict = whole(each, partial(judge_row_trial, method=method), lane, end, fixed)
+    search = lane.search
     if method.derivative:
         end, length = differentiable_event_end(end, lane, verdict.crossing, fixed, method, each)
         search = search._replace(length=length, pending=verdict.crossing.pending)
-    active, accept = running(lane, stop), decision.accept | (verdict.not_finite & running(lane, stop))
+    return whole(each, partial(_after_trial, method=method), lane, search, end, verdict, fixed)
+
+
+def step_of_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -> RowStepEnd:
+    """The next trial step."""
+    cluster = clusters_of(lane.state, fixed.model)
+    return row_step(trial_interval(lane, fixed.grid), lane.state, cluster, fixed.model, method, each)
+
+
+def _after_trial(
+    lane: Lane,
+    search: Search,
+    end: RowStepEnd,
+    verdict: RowVerdict,
+    fixed: Fixed[RowModel],
+    method: Choices,
+    each: Each,
+) -> Lane:
+    """The rows after a trial that ended at `end`; its `search` has the length that it took."""
+    model, grid, stop = fixed.model, fixed.grid, fixed.stop
+    decision = verdict.decision
+    repeated = decision.search._replace(
+        done=lane.search.done, pending=lane.search.pending, turns=lane.search.turns
+    )
+    active = running(lane, stop)
+    accept = decision.accept | (verdict.not_finite & active)
     change = _change_of_row(lane, end, verdict, fixed, method, each)
     after = State(end.state.motion, change.u_s, change.mode, change.case)
     after, dropped = _as_flat(after, change.becomes_flat, model, each)
@@ -220,7 +251,7 @@ def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -
     trial = AcceptedTrial(
         start=lane.state,
         mode=interface_mode(lane.state.mode),
-        h=interval.h,
+        h=trial_interval(lane, grid).h,
         end=end.state.motion,
         after=after.motion,
         v=change.v,
@@ -318,10 +349,10 @@ def _turned(state: State, lost: Bool[Array, " lanes"], model: RowModel) -> Bool[
     return lost if is_zero(theta) else lost | any_along(abs(theta) > ANGLE_RANGE)
 
 
-def _without_events(
-    lane: Lane, end: RowStepEnd, active: Any, h: OfLanes, model: RowModel, method: Choices, each: Each
-) -> Lane:
+def _without_events(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method: Choices, each: Each) -> Lane:
     """The rows after a trial of smooth contact, which is accepted in any case."""
+    model, active = fixed.model, running(lane, fixed.stop)
+    h = trial_interval(lane, fixed.grid).h
     no = jnp.zeros_like(active)
     v = penetrations(end.state, model, each)
     next_search, step = following_search(lane.search, lane.step, no, no, method.locate)

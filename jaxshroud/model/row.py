@@ -144,6 +144,11 @@ def pair_at(scene: Scene, j: Any) -> Scene:
     )
 
 
+def alone(f: Callable[..., Any], *trees: Any) -> Any:
+    """`f` of one element: an `Each`."""
+    return f(*trees)
+
+
 def over(each: Each, f: Callable[..., Any], *trees: Any) -> Any:
     """`f` of one blade, or of one interface, for all of them and all lanes, as one kernel.
 
