@@ -71,7 +71,7 @@ from jaxshroud.march.row_step import (
     row_step,
     whole,
 )
-from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, any_along, is_unrolled, is_zero, total, where, zeros_for
+from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, Unrolled, any_along, is_unrolled, is_zero, total, where, zeros_for
 from jaxshroud.model.modes import FLAT, Status
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State
@@ -346,6 +346,8 @@ def _is_finite(state: State) -> Bool[Array, " lanes"]:
 def _turned(state: State, lost: Bool[Array, " lanes"], model: RowModel) -> Bool[Array, " lanes"]:
     """Whether a block has turned too far, or the motion is `lost`."""
     theta = model.blades.shroud(state.motion).theta
+    if is_unrolled(theta):
+        theta = Unrolled(*(a for a in theta if not is_zero(a)))
     return lost if is_zero(theta) else lost | any_along(abs(theta) > ANGLE_RANGE)
 
 
@@ -365,7 +367,7 @@ def _without_events(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method:
         v=v,
         lift=Lift(no, no, no),
         gain=end.gain,
-        jumps=EnergyJumps(jnp.zeros_like(v), jnp.zeros_like(h)),
+        jumps=EnergyJumps(jax.tree.map(jnp.zeros_like, v), jnp.zeros_like(h)),
         step=lane.step,
         next_step=step,
         events=_of_events(lane.accumulator.log, method),

@@ -217,11 +217,26 @@ class Cluster(NamedTuple):
         return times_along(self.share, a)
 
 
-def clusters(case: Array, model: RowModel) -> Cluster:
+class FlatPair(NamedTuple):
+    """The `Cluster` of two blocks with one interface."""
+
+    flat: Any  # whether they are flat on each other
+    share: Any  # see `Mobility`, as is the next
+    joint: Any
+
+    def mean(self, a: Any) -> Any:
+        """The mean of both blocks, weighted by inertia, where they are flat on each other, else their own numbers."""
+        left, right = a
+        mean = right + self.share * (left - right)
+        return Unrolled(where(self.flat, mean, left), right if is_zero(right) else where(self.flat, mean, right))
+
+
+def clusters(case: Array, model: RowModel) -> Cluster | FlatPair:
     """The clusters of blocks from the case of each interface (E, lanes)."""
     flat, I, closed = case == FLAT, model.blades.I, model.closed
     if is_unrolled(flat):
-        return _unrolled_clusters(flat, I)
+        mobility = model.interfaces.mobility
+        return FlatPair(flat[0], mobility.share[0], mobility.joint[0])
     breaks = jnp.cumsum(~flat, axis=0, dtype=jnp.int32)  # interfaces that are not flat, up to each
     label = jnp.concatenate([jnp.zeros_like(breaks[:1]), breaks[:-1] if closed else breaks])  # left of each block
     all_round = breaks[-1] == 0 if closed else jnp.zeros_like(flat[0])
@@ -236,18 +251,7 @@ def clusters(case: Array, model: RowModel) -> Cluster:
     return Cluster(jnp.where(same, I[None] / inertia[:, None], 0.0), inertia, before, all_round)
 
 
-def _unrolled_clusters(flat: Any, I: Any) -> Cluster:
-    """`clusters` of a chain of two blades."""
-    (touch,), (I_1, I_2) = flat, I
-    both, none, whole = I_1 + I_2, jnp.zeros_like(I_1), jnp.ones_like(I_1)
-    share = I_1 / both, I_2 / both
-    left = Unrolled(where(touch, share[0], whole), where(touch, share[1], none))
-    right = Unrolled(where(touch, share[0], none), where(touch, share[1], whole))
-    inertia = Unrolled(where(touch, both, I_1), where(touch, both, I_2))
-    return Cluster(Unrolled(left, right), inertia, Unrolled(Unrolled(touch, jnp.zeros_like(touch))), jnp.zeros_like(touch))
-
-
-def clusters_of(state: State, model: RowModel) -> Cluster | None:
+def clusters_of(state: State, model: RowModel) -> Cluster | FlatPair | None:
     """The blocks that are flat on each other; None where no blocks can be."""
     return clusters(state.case, model) if model.turns_by_events else None
 
@@ -261,26 +265,29 @@ def passed_torques(own: OfBlades, cluster: Cluster, model: RowModel) -> OfInterf
         model: The constants.
     """
     excess = model.blades.I * (own - cluster.mean(own))
-    if is_unrolled(excess):
-        return Unrolled(*(total(where(before, excess, 0.0)) for before in cluster.before))
     torque = jnp.sum(jnp.where(cluster.before, excess[None], 0.0), axis=1)
     return torque - jnp.where(cluster.all_round, jnp.mean(torque, axis=0), 0.0)[None]
 
 
-def relative_torques(own: OfBlades, case: Array, cluster: Cluster, model: RowModel) -> OfInterfaces:
+def relative_torques(own: OfBlades, case: Array, cluster: Cluster | FlatPair, model: RowModel) -> OfInterfaces:
     """The torque on theta_j - theta_(j+1) of each interface with contact at the corner of its case [N m].
 
     It is the inertia of both clusters against a turn towards each other times the relative angular acceleration; of
     flat faces the torque that they pass on. See `torques_along_face`.
     """
+    if isinstance(cluster, FlatPair):
+        left, right = own
+        return Unrolled(cluster.joint * (left - right))
     mean = cluster.mean(own)
     relative = left_of_interfaces(mean, model.closed) - right_of_interfaces(mean, model.closed)
     apart = joint_inertia(cluster, model) * relative
     return where(case == FLAT, passed_torques(own, cluster, model), apart)
 
 
-def joint_inertia(cluster: Cluster, model: RowModel) -> OfInterfaces:
+def joint_inertia(cluster: Cluster | FlatPair, model: RowModel) -> OfInterfaces:
     """The inertia against a turn towards each other of the clusters left and right of each interface [kg m^2]."""
+    if isinstance(cluster, FlatPair):
+        return Unrolled(cluster.joint)
     left, right = left_of_interfaces(cluster.inertia, model.closed), right_of_interfaces(cluster.inertia, model.closed)
     return left * right / (left + right)
 
