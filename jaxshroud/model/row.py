@@ -366,7 +366,7 @@ def row_rhs(
         ledger = Ledger(rates.drive, abs(rates.drive), viscous, effects.lost)
         if model.is_pair:
             drive = total(rates.drive)
-            ledger = Ledger(drive, abs(drive), total(viscous), effects.lost[0])
+            ledger = Ledger(drive, abs(drive), total(viscous), total(effects.lost))
     moments = None
     if recorded.moments:
         z = blades.shroud(now.motion)
