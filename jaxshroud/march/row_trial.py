@@ -71,7 +71,17 @@ from jaxshroud.march.row_step import (
     row_step,
     whole,
 )
-from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, Unrolled, any_along, is_unrolled, is_zero, total, where, zeros_for
+from jaxshroud.model.arithmetic import (
+    ANGLE_RANGE,
+    Scalar,
+    Unrolled,
+    any_along,
+    is_unrolled,
+    is_zero,
+    total,
+    where,
+    zeros_for,
+)
 from jaxshroud.model.modes import FLAT, Status
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State
