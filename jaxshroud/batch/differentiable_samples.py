@@ -175,8 +175,9 @@ def batching_by_lanes(f: Callable[..., Tree]) -> Callable[..., Tree]:
 
 
 def _run_compiled(scenes: Any, states: Any, schedule: Schedule) -> tuple[Any, Int[Array, " lanes"]]:
-    large = not is_traced((scenes, states)) and accepts_options(series=True)
-    return (_run_large if large else _run_plain)(scenes, states, schedule)
+    if not is_traced((scenes, states)) and accepts_options(series=True):
+        return _run_large(scenes, states, schedule)
+    return _run_plain(scenes, states, schedule._replace(method=schedule.method._replace(large_kernels=False)))
 
 
 def _run_samples(scenes: Any, states: Any, schedule: Schedule) -> tuple[Any, Int[Array, " lanes"]]:

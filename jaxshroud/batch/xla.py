@@ -68,7 +68,9 @@ def compiled(*static: str) -> Callable[[Callable], Callable]:
             scenes = given.get("scenes")
             has_large = method is not None and _has_large_kernels(method, getattr(scenes, "value", scenes))
             if is_traced((args, kwargs)) or not accepts_options(has_large):
-                return plain(*args, **kwargs)
+                if method is not None:
+                    given["method"] = given["method"]._replace(large_kernels=False)
+                return plain(**given)
             if method is None or not has_large:
                 return widest(**given)
             if not stepper_for(method).large_kernels:

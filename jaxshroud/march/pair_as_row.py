@@ -1,6 +1,5 @@
 """A pair as an unrolled row of two blades: its Runge-Kutta trials are those of the row."""
 
-from functools import partial
 from typing import Any
 
 import jax
@@ -13,7 +12,6 @@ from jaxshroud.march.events import evaluate_guards
 from jaxshroud.march.log import is_of_blades, log_of, new_accumulator, value_in
 from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import Choices
-from jaxshroud.march.row_step import whole
 from jaxshroud.march.row_trial import row_trial, step_of_trial
 from jaxshroud.model.arithmetic import ZERO, Unrolled, is_zero, zeros_for
 from jaxshroud.model.drive import drive_waves
@@ -100,7 +98,7 @@ def row_trial_of_pair(lane: Lane, fixed: Fixed[Model], method: Choices, each: Ea
 def end_of_trial(lane: Lane, fixed: Fixed[Model], method: Choices, each: Each) -> State:
     """The states of pairs where their next trials end, in the modes of these."""
     constants = Fixed(row_of_pair(fixed.model), fixed.grid, fixed.stop)
-    end = whole(each, partial(step_of_trial, method=method), _as_row(lane, method), constants)
+    end = step_of_trial(_as_row(lane, method), constants, method, each)
     return jax.tree.unflatten(jax.tree.structure(lane.state), jax.tree.leaves(end.state))
 
 

@@ -22,7 +22,7 @@ from jaxshroud.march.row_guards import row_guards
 from jaxshroud.model.arithmetic import ZERO, any_along, is_place, is_unrolled, total, where, zeros_for
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Integrals
-from jaxshroud.model.row import Cluster, Each, RowModel, alone, clusters_of, row_rhs
+from jaxshroud.model.row import Cluster, Each, FlatPair, RowModel, alone, clusters_of, row_rhs
 
 OfLanes = Float[Array, " lanes"]
 
@@ -43,14 +43,14 @@ class RowStepEnd(NamedTuple):
 
 
 def row_step(
-    interval: TrialInterval, start: State, cluster: Cluster | None, model: RowModel, method: Choices, each: Each
+    interval: TrialInterval, start: State, cluster: Cluster | FlatPair | None, model: RowModel, method: Choices, each: Each
 ) -> RowStepEnd:
     """One step from `start`, over the `interval` of each lane.
 
     The stages are a loop, so that the kernels of interfaces and blades are compiled once for all of them.
     """
-    if is_unrolled(start.case):
-        return _unrolled_step(interval, start, cluster, model, method, each)
+    if is_unrolled(start.case) and each is alone:
+        return _unrolled_step(interval, start, cluster, model, method)
     tableau, h = method.rk, interval.h
     stages = len(tableau.b)
     padded = [[*row, *[0.0] * (stages - len(row))] for row in tableau.a]
@@ -58,17 +58,20 @@ def row_step(
     waves = each(lambda interval: waves_at_nodes(interval, {*tableau.c, 1.0}), interval)
     at_stages = jax.tree.map(lambda *a: jnp.stack(a), *(waves[c] for c in tableau.c))
 
+    rates_of = partial(row_rhs, recorded=method.recorded)
+
     def stage(i: Any, carry: Any) -> Any:
         slopes, gain = carry
         now = _advanced(start, h, weights[i], slopes, model)
-        derivative, rates = row_rhs(jax.tree.map(lambda a: a[i], at_stages), now, cluster, model, method.recorded, each)
+        at = jax.tree.map(lambda a: a[i], at_stages)
+        derivative, rates = whole(each, rates_of, at, now, cluster, model)
         z = now.motion
         slope = model.blades.rate(z, derivative.acceleration), derivative.u_s
         gain = jax.tree.map(lambda total, rate: total + b[i] * rate, gain, rates)
         return jax.tree.map(lambda all, one: all.at[i].set(one), slopes, slope), gain
 
     first = jax.tree.map(lambda a: a[0], at_stages)
-    nothing = zeros_for(lambda: row_rhs(first, start, cluster, model, method.recorded, each)[1])
+    nothing = zeros_for(lambda: whole(each, rates_of, first, start, cluster, model)[1])
     u_s = start.u_s if model.interfaces.law.flows else ZERO
     none = jax.tree.map(lambda a: jnp.zeros((stages, *a.shape), a.dtype), (start.motion, u_s))
     slopes, gain = jax.lax.fori_loop(0, stages, stage, (none, nothing))
@@ -77,9 +80,9 @@ def row_step(
 
 
 def _unrolled_step(
-    interval: TrialInterval, start: State, cluster: Cluster | None, model: RowModel, method: Choices, each: Each
+    interval: TrialInterval, start: State, cluster: Cluster | FlatPair | None, model: RowModel, method: Choices
 ) -> RowStepEnd:
-    """`row_step` with its stages one after the other."""
+    """`row_step` of one lane, with its stages one after the other."""
     tableau, h = method.rk, interval.h
     flows = model.interfaces.law.flows
     waves = waves_at_nodes(interval, {*tableau.c, 1.0})
@@ -87,7 +90,7 @@ def _unrolled_step(
     gain = None
     for i, c in enumerate(tableau.c):
         now = stage_state(start, h, tableau.a[i][:i], slopes, flows)
-        derivative, rates = row_rhs_once(waves[c], now, cluster, model, method.recorded, each)
+        derivative, rates = row_rhs_once(waves[c], now, cluster, model, method.recorded, alone)
         rate = model.blades.rate(now.motion, derivative.acceleration)
         slopes.append(State(rate, derivative.u_s, None, None))
         gain = weighted_sum(gain, tableau.b[i], rates)
@@ -100,10 +103,10 @@ row_rhs_once = jax.jit(row_rhs, static_argnames=("recorded", "each"), inline=Tru
 
 def _advanced(start: State, h: OfLanes, weights: Array, slopes: tuple[Any, Any], model: RowModel) -> State:
     """The start + h sum(weights * slopes), the slopes of all stages along the first axis."""
-    by_stage = weights[:, None, None]
 
     def add(z, k):
-        return z + h[None] * jnp.sum(by_stage * k, axis=0)
+        by_stage = weights.reshape(-1, *[1] * z.ndim)
+        return z + h * jnp.sum(by_stage * k, axis=0)
 
     motion = jax.tree.map(add, start.motion, slopes[0])
     u_s = add(start.u_s, slopes[1]) if model.interfaces.law.flows else start.u_s
@@ -151,7 +154,9 @@ def differentiable_event_end(
         return (end, length)
 
     def at_root():
-        return whole(each, partial(_at_root, method=method), end, lane, ends, crossing, fixed)
+        found = partial(_at_root, method=method)
+        trees = end, lane, ends, crossing, fixed
+        return whole(each, found, *trees) if method.large_kernels else found(*trees, each=each)
 
     return lax.cond(jnp.any(ends), at_root, still)
 

@@ -209,9 +209,9 @@ def judge_row_trial(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method:
 
 def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -> Lane:
     """One trial step of every lane that has neither arrived nor failed, and what follows from its end."""
-    if is_unrolled(lane.state.case) and not method.derivative and each is not alone:
+    if is_unrolled(lane.state.case) and each is not alone and method.large_kernels and not method.derivative:
         return each(lambda lane, fixed: row_trial(lane, fixed, method, alone), lane, fixed)
-    end = whole(each, partial(step_of_trial, method=method), lane, fixed)
+    end = step_of_trial(lane, fixed, method, each)
     if not fixed.model.interfaces.law.has_events:
         return whole(each, partial(_without_events, method=method), lane, end, fixed)
     verdict = whole(each, partial(judge_row_trial, method=method), lane, end, fixed)
@@ -224,6 +224,8 @@ def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -
 
 def step_of_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -> RowStepEnd:
     """The next trial step."""
+    if each is not alone and method.large_kernels:
+        return whole(each, partial(step_of_trial, method=method._replace(large_kernels=False)), lane, fixed)
     cluster = clusters_of(lane.state, fixed.model)
     return row_step(trial_interval(lane, fixed.grid), lane.state, cluster, fixed.model, method, each)
 
