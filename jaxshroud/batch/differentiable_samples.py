@@ -7,7 +7,6 @@ of JAX, which transposes and batches it by itself: reverse mode costs as much as
 
 from collections.abc import Callable
 from functools import partial
-from operator import attrgetter
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -19,9 +18,9 @@ from jax.custom_batching import custom_vmap
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Int
 
-from jaxshroud.batch.duals import Dual, dual_lanes
-from jaxshroud.batch.flows import Flow, begin_flow, dual_flow_constants, end_flow, flow_constants, mean_over
-from jaxshroud.batch.periods import LaneSelector, advance, march, whole_tree
+from jaxshroud.batch.duals import Dual, differentiable, with_tangent
+from jaxshroud.batch.flows import Flow, begin_flow, end_flow, flow_constants, mean_over
+from jaxshroud.batch.periods import advance, march
 from jaxshroud.batch.stopped import replaced_where
 from jaxshroud.batch.xla import (
     FOR_SERIES,
@@ -33,7 +32,7 @@ from jaxshroud.batch.xla import (
     vmapped,
 )
 from jaxshroud.cache.programs import is_traced, kept
-from jaxshroud.march.carry import EachLane, Lane, running
+from jaxshroud.march.carry import Fixed, Lane, running
 from jaxshroud.march.locate import first_order_only
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import stepper_for
@@ -62,25 +61,6 @@ class Schedule(NamedTuple):
         return self.every / self.steps
 
 
-class _LaneMapping(NamedTuple):
-    """How functions of one lane are applied to lanes: without tangents, or with them."""
-
-    over: Callable[[EachLane], EachLane]
-    values: LaneSelector  # selects the values in a tree of lanes
-    unzip: Callable[[Any], Any]  # the elements of a tuple that a function of lanes returned
-    constants: Callable[..., Any]  # of lanes during the march
-
-
-def _unzipped_duals(pair: Dual) -> tuple[Dual, ...]:
-    return tuple(map(Dual._make, zip(*pair, strict=True)))
-
-
-WITHOUT_TANGENTS, WITH_TANGENTS = (
-    _LaneMapping(whole_tree, whole_tree, whole_tree, flow_constants),
-    _LaneMapping(dual_lanes, attrgetter("value"), _unzipped_duals, dual_flow_constants),
-)
-
-
 def sampled_flow(
     scenes: Any, states: Any, schedule: Schedule, wanted: Int[Array, ""] | None = None
 ) -> tuple[Any, Int[Array, " lanes"]]:
@@ -96,17 +76,16 @@ def sampled_flow(
         A `Flow`, or a `Dual` of one, with axes (lane, sample): the states, the mean square displacements since the
         previous sample, and the statuses; with `vibration` the mean positions likewise.
     """
-    mapping = WITH_TANGENTS if isinstance(scenes, Dual) else WITHOUT_TANGENTS
-    first = mapping.over(vmapped)(partial(begin_flow, method=schedule.method), scenes, states)
-    lanes, models, periods = mapping.unzip(first)
-    steps = jnp.full(mapping.values(periods).shape, schedule.steps, jnp.int32)
-    fixed = mapping.constants(models, periods, steps, schedule.method.flat_return)
+    if isinstance(scenes, Dual):
+        value, along = with_tangent(partial(sampled_flow, schedule=schedule, wanted=wanted), scenes, states)
+        return Dual(value[0], along[0]), value[1]
+    lanes, models, periods = vmapped(partial(begin_flow, method=schedule.method), scenes, states)
+    steps = jnp.full(periods.shape, schedule.steps, jnp.int32)
+    fixed = flow_constants(models, periods, steps, schedule.method.flat_return)
 
     def one(carry, i):
-        lanes, trials = _next_sample(carry[0], carry[1], fixed, schedule, mapping, schedule.every)
-        lanes, flow = mapping.unzip(
-            mapping.over(vmapped)(partial(_sample_lane, schedule=schedule), lanes, models, periods)
-        )
+        lanes, trials = _next_sample(carry[0], carry[1], fixed, schedule)
+        lanes, flow = vmapped(partial(_sample_lane, schedule=schedule), lanes, models, periods)
         return (lanes, trials), flow
 
     next_kept = skip_samples(one, schedule.skipped)
@@ -143,26 +122,25 @@ def skip_samples(one: Callable, skipped: int) -> Callable:
 
 
 def _next_sample(
-    lanes: Tree, trials: Int[Array, " lanes"], fixed: Tree, schedule: Schedule, mapping: _LaneMapping, every: Any
-):
-    """The lanes at their next sample, after `every` steps, and the number of trials so far."""
-    values, method, most = mapping.values, schedule.method, schedule.most_trials
-    each = mapping.over(best_mapping())
-    stop = values(lanes).step + every
-    fixed = eqx.tree_at(lambda fixed: values(fixed).stop, fixed, stop)
+    lanes: Lane, trials: Int[Array, " lanes"], fixed: Fixed[Model], schedule: Schedule
+) -> tuple[Lane, Int[Array, " lanes"]]:
+    """The lanes at their next sample, and the number of trials so far."""
+    method, most, each = schedule.method, schedule.most_trials, differentiable(best_mapping())
+    stop = lanes.step + schedule.every
+    fixed = Fixed(fixed.model, fixed.grid, stop)
     if most is None:
-        return march(lanes, fixed, method, each, values), trials
+        return march(lanes, fixed, method, each), trials
 
     def once(pair):
         lanes, trials = pair
-        spent = running(values(lanes), stop) & (trials >= most)
-        status = jnp.where(spent, Status.OUT_OF_TRIALS, values(lanes).status).astype(jnp.int32)
-        lanes = eqx.tree_at(lambda lanes: values(lanes).status, lanes, status)
-        trials = trials + running(values(lanes), stop).astype(jnp.int32)
-        return advance(lanes, fixed, method, each, values), trials
+        spent = running(lanes, stop) & (trials >= most)
+        status = jnp.where(spent, Status.OUT_OF_TRIALS, lanes.status).astype(jnp.int32)
+        lanes = eqx.tree_at(lambda lanes: lanes.status, lanes, status)
+        trials = trials + running(lanes, stop).astype(jnp.int32)
+        return advance(lanes, fixed, method, each), trials
 
-    several = stage_groups(method, values(fixed).model.law) is not None
-    return repeated_while(lambda pair: jnp.any(running(values(pair[0]), stop)), once, (lanes, trials), several)
+    several = stage_groups(method, fixed.model.law) is not None
+    return repeated_while(lambda pair: jnp.any(running(pair[0], stop)), once, (lanes, trials), several)
 
 
 def _sample_lane(lane: Lane, model: Model, period: Scalar, schedule: Schedule) -> tuple[Lane, Flow]:

@@ -6,8 +6,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jax.custom_derivatives import SymbolicZero
+from jax.custom_derivatives import SymbolicZero, zero_from_primal
 
 from jaxshroud.batch.xla import DUAL_NUMBERS
 from jaxshroud.march.carry import EachLane
@@ -40,21 +39,9 @@ def _is_floating(tree: Any) -> Any:
     return jax.tree.map(lambda a: bool(jnp.issubdtype(a.dtype, jnp.floating)), tree)
 
 
-def dual_lanes(each: EachLane) -> EachLane:
-    """How to apply a function of one lane to `Dual`s of many lanes; other arguments have no tangent."""
-
-    def run(f, *args: Any) -> Dual:
-        duals = [a if isinstance(a, Dual) else Dual(a, jax.tree.map(lambda _: None, a)) for a in args]
-        if len(jax.tree.leaves(duals)) <= DUAL_NUMBERS:
-            return each(lambda *duals: _value_and_tangent(f, duals), *duals)
-        value = each(f, *(d.value for d in duals))
-        return Dual(value, each(lambda *duals: _value_and_tangent(f, duals).tangent, *duals))
-
-    return run
-
-
-def _value_and_tangent(f, duals: tuple[Dual, ...]) -> Dual:
-    """The value of `f` and its tangent."""
+def with_tangent(f: Any, *args: Any) -> Dual:
+    """The value of `f` and its tangent; arguments that are not `Dual`s have none."""
+    duals = [a if isinstance(a, Dual) else Dual(a, jax.tree.map(lambda _: None, a)) for a in args]
     values, tangents = zip(*duals, strict=True)
     moving = jax.tree.map(lambda _, d: d is not None, values, tangents, is_leaf=lambda x: x is None)
     moves, rest = eqx.partition(values, moving)
@@ -70,7 +57,7 @@ def _value_and_tangent(f, duals: tuple[Dual, ...]) -> Dual:
 def differentiable(each: EachLane) -> EachLane:
     """How to apply a function to all lanes such that JAX can differentiate it once, forward.
 
-    The tangents of a function are computed in its kernel.
+    The tangents of a function are computed in its kernel, or in one of their own where they are many.
     """
 
     def run(f: Any, *args: Any) -> Any:
@@ -88,9 +75,18 @@ def differentiable(each: EachLane) -> EachLane:
 
 def _dual_rule(each: EachLane, f: Any, values: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
     along = tuple(None if isinstance(t, SymbolicZero) or t.dtype == jax.dtypes.float0 else t for t in tangents)
-    value, tangent = dual_lanes(each)(f, Dual(values, along))
+    dual = Dual(values, along)
+
+    def both(dual: Dual) -> Dual:
+        return with_tangent(f, dual)
+
+    if len(jax.tree.leaves(dual)) <= DUAL_NUMBERS:
+        value, tangent = each(both, dual)
+    else:
+        value = each(f, values)
+        tangent = each(lambda dual: both(dual).tangent, dual)
 
     def none(v, t):
-        return np.zeros(v.shape, jax.dtypes.float0) if t is None else t
+        return zero_from_primal(v, symbolic_zeros=True) if t is None else t
 
     return value, jax.tree.map(none, value, tangent)

@@ -5,16 +5,16 @@ over scenes is also a batch over directions.
 """
 
 from collections.abc import Callable
-from operator import attrgetter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from jaxshroud.batch.duals import Dual, dual_lanes
-from jaxshroud.batch.periods import CallLimits, march, periods_within
+from jaxshroud.batch.blocks import PeriodKernels
+from jaxshroud.batch.duals import Dual, differentiable, with_tangent
+from jaxshroud.batch.periods import CallLimits, lane_models, periods_within
 from jaxshroud.batch.states import (
     by_blade,
     by_interface,
@@ -123,41 +123,22 @@ def flow_constants(
     turns: PerLane | None = None,
 ) -> Fixed:
     """The constants of lanes that run `turns` drive periods, by default one, in `steps` steps from phase 0."""
-    count = _steps_per_period(steps, periods, turns)
-    return Fixed(models, time_grid(jnp.zeros_like(count), count, periods, flat_return), steps)
-
-
-def _steps_per_period(steps: Int[Array, " lanes"], periods: PerLane, turns: PerLane | None) -> PerLane:
     count = steps.astype(periods.dtype)
-    return count if turns is None else count / turns
-
-
-def dual_flow_constants(
-    models: Dual,
-    periods: Dual,
-    steps: Int[Array, " lanes"],
-    flat_return: PerLane | float,
-    turns: PerLane | None = None,
-) -> Dual:
-    """The constants of the flow with tangents."""
-    fixed = flow_constants(models.value, periods.value, steps, flat_return, turns)
-    count = _steps_per_period(steps, periods.value, turns)
-    still = jax.tree.map(lambda _: None, fixed)
-
-    def vary(fixed):
-        return (fixed.model, fixed.grid.h)
-
-    along = eqx.tree_at(vary, still, (models.tangent, periods.tangent / count), is_leaf=lambda a: a is None)
-    return Dual(fixed, along)
+    per_period = count if turns is None else count / turns
+    return Fixed(models, time_grid(jnp.zeros_like(per_period), per_period, periods, flat_return), steps)
 
 
 @compiled("method")
 def begin_flows(scenes: Dual, states: Dual, method: Choices) -> Dual:
     """The lanes at their start from `states`, with tangents."""
-    return dual_lanes(vmapped)(lambda scene, state: begin_flow(scene, state, method)[0], scenes, states)
+
+    def begin(scenes: Scene, states: State) -> Lane:
+        return vmapped(lambda scene, state: begin_flow(scene, state, method)[0], scenes, states)
+
+    return with_tangent(begin, scenes, states)
 
 
-@compiled("method", "each")
+@compiled("method", "each", "kernels")
 def flow_with_tangents(
     scenes: Dual,
     lanes: Dual,
@@ -167,43 +148,48 @@ def flow_with_tangents(
     turns: PerLane | None,
     method: Choices,
     each: EachLane,
+    kernels: PeriodKernels,
 ) -> tuple[Dual, Int[Array, ""]]:
     """Run lanes over drive periods from drive phase 0, with tangents, or each over a number of turns of its own.
 
     Args:
         scenes: Scenes with a leading lane axis, and one direction for each lane.
-        lanes: The lanes to continue, with the same axis, see `begin_flows`.
+        lanes: The lanes to continue, in the form of their layout, see `FlowPrograms.begin`.
         limits: What is done at most.
         steps: Runge-Kutta steps in one period, or in `turns`.
         flat_return: Of the method, see `time_grid`.
         turns: The drive periods of each lane, of any length, in the place of a period; its tangent is at that phase.
         method: The options of the march, `as_differentiable`: else the derivatives lack the contributions of events.
         each: How a function of one lane is applied to all.
+        kernels: Those of the layout.
 
     Returns:
         The lanes at the end, with tangents, and how many periods have ended.
     """
-    models, periods = _dual_constants(scenes)
-    fixed = dual_flow_constants(models, periods, jnp.full_like(lanes.value.step, 1) * steps, flat_return, turns)
 
-    def run(lanes, passes):
-        return march(lanes, fixed, method, dual_lanes(each), attrgetter("value"), passes=passes)
+    def flow(scenes: Scene, lanes: Any) -> tuple[Any, Int[Array, ""]]:
+        models, periods = kernels.constants(scenes)
+        fixed = flow_constants(models, periods, jnp.ones_like(lanes.step) * steps, flat_return, turns)
 
-    return periods_within(limits, run, lanes, fixed.value.stop, attrgetter("value"))
+        def run(lanes: Any, passes: Any) -> Any:
+            return kernels.march(lanes, fixed, method, differentiable(each), passes=passes)
 
+        return periods_within(limits, run, lanes, fixed.stop)
 
-def _dual_constants(scenes: Dual) -> tuple[Dual, Dual]:
-    """The models and the drive periods of lanes, with tangents."""
-    constants = dual_lanes(vmapped)(lambda scene: (prepared_model(scene), scene.drive.period), scenes)
-    return tuple(Dual(a, b) for a, b in zip(*constants, strict=True))  # type: ignore[return-value]
+    (end, ended), (along, _) = with_tangent(flow, scenes, lanes)
+    return Dual(end, along), ended
 
 
 @compiled()
 def end_flows(scenes: Dual, lanes: Dual, n: Int[Array, ""], turns: PerLane | None) -> Dual:
     """The `FlowWithMoments` of lanes that have run `n` periods, or as often their `turns`, with its tangent."""
-    models, periods = _dual_constants(scenes)
-    times = jax.tree.map(lambda a: n.astype(a.dtype) * (a if turns is None else turns * a), periods)
-    return dual_lanes(vmapped)(end_flow_with_moments, lanes, models, times)
+
+    def end(scenes: Scene, lanes: Lane) -> FlowWithMoments:
+        models, periods = lane_models(scenes)
+        times = n.astype(periods.dtype) * (periods if turns is None else turns * periods)
+        return vmapped(end_flow_with_moments, lanes, models, times)
+
+    return with_tangent(end, scenes, lanes)
 
 
 def as_differentiable(method: Choices) -> Choices:
@@ -215,7 +201,6 @@ class FlowPrograms(NamedTuple):
     """The compiled functions of a flow."""
 
     begin: Callable[..., Dual]
-    run: Callable[..., tuple[Dual, Int[Array, ""]]]
     end: Callable[..., Dual]
     expanded: Callable[[FlowWithMoments], FlowWithMoments]  # with an axis of blades, in NumPy arrays
     lanes_per_call: tuple[int, int]  # where there are few, and where there are many
@@ -225,4 +210,4 @@ def _expanded_pairs(flow: FlowWithMoments) -> FlowWithMoments:
     return by_blade(flow._replace(means=by_interface(flow.means)))  # of the left block alone
 
 
-PAIR_FLOWS = FlowPrograms(begin_flows, flow_with_tangents, end_flows, _expanded_pairs, LANES_PER_FLOW)
+PAIR_FLOWS = FlowPrograms(begin_flows, end_flows, _expanded_pairs, LANES_PER_FLOW)

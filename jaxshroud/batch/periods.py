@@ -26,17 +26,15 @@ from jaxshroud.scene.layout import Layout
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
 
-LaneSelector = Callable[[Any], Any]  # selects the plain values in the tree that is marched
-
 
 def whole_tree(lanes: Tree) -> Tree:
     """The tree itself."""
     return lanes
 
 
-def advance(lanes: LaneTree, fixed: LaneTree, method: Choices, each: EachLane, lane_of: LaneSelector = whole_tree):
+def advance(lanes: LaneTree, fixed: LaneTree, method: Choices, each: EachLane) -> LaneTree:
     """Make one trial step of every running lane: by one kernel, or by several for the trial and for the update."""
-    stepper, groups = stepper_for(method), stage_groups(method, lane_of(fixed).model.law)
+    stepper, groups = stepper_for(method), stage_groups(method, fixed.model.law)
 
     def whole(lanes: LaneTree, fixed: LaneTree, each: EachLane, groups: StageGroups) -> LaneTree:
         trials = stepper.trial(lanes, fixed, method, each, groups)
@@ -52,7 +50,6 @@ def march(
     fixed: Any,
     method: Choices,
     each: EachLane,
-    lane_of: LaneSelector = whole_tree,
     most_trials: int | None = None,
     passes: Int[Array, ""] | None = None,
 ) -> Any:
@@ -61,44 +58,41 @@ def march(
     With `most_trials` there are exactly that many trials: a loop of fixed length can be differentiated in reverse mode.
     With `passes` there are so many of the loop at most; what is left of them is a second result.
     """
-    once = jax.jit(lambda lanes: advance(lanes, fixed, method, each, lane_of))  # traced once
+    once = jax.jit(lambda lanes: advance(lanes, fixed, method, each))  # traced once
     if most_trials is not None:
         return lax.fori_loop(0, most_trials, lambda _, lanes: once(lanes), lanes)
-    several = stage_groups(method, lane_of(fixed).model.law) is not None
-    return repeated_trials(once, lanes, lane_of(fixed).stop, several, lane_of, passes)
+    several = stage_groups(method, fixed.model.law) is not None
+    return repeated_trials(once, lanes, fixed.stop, several, passes)
 
 
 def repeated_trials(
-    once: Callable[[Tree], Tree],
-    lanes: Tree,
+    once: Callable[[Lane], Lane],
+    lanes: Lane,
     stops: Int[Array, " lanes"],
     several: bool,
-    lane_of: LaneSelector = whole_tree,
     passes: Int[Array, ""] | None = None,
 ) -> Any:
     """Lanes, or rows, after trials by `once` until all are at the start of step `stops` or not OK; see `march`."""
-    return repeated_while(lambda lanes: jnp.any(running(lane_of(lanes), stops)), once, lanes, several, passes)
+    return repeated_while(lambda lanes: jnp.any(running(lanes, stops)), once, lanes, several, passes)
 
 
 def march_steps(
-    lanes: Tree,
+    lanes: Lane,
     fixed: Any,
     steps: Int[Array, "..."],
     method: Choices,
     each: EachLane,
-    lane_of: LaneSelector = whole_tree,
     most_trials: int | None = None,
-) -> tuple[Tree, Bool[Array, " lanes"]]:
+) -> tuple[Lane, Bool[Array, " lanes"]]:
     """The lanes after at most `steps` steps, and which of them have completed these; their clock is reset."""
-    lanes = march(lanes, fixed, method, each, lane_of, most_trials)
-    arrived = lane_of(lanes).step == steps
-    return with_clock_reset(lanes, arrived, lane_of), arrived
+    lanes = march(lanes, fixed, method, each, most_trials)
+    arrived = lanes.step == steps
+    return with_clock_reset(lanes, arrived), arrived
 
 
-def with_clock_reset(lanes: Tree, where: Bool[Array, "..."], lane_of: LaneSelector = whole_tree) -> Tree:
+def with_clock_reset(lanes: Lane, where: Bool[Array, "..."]) -> Lane:
     """The lanes at step 0 `where` they have arrived at the end of their steps."""
-    clock = lane_of(lanes).step
-    return eqx.tree_at(lambda lanes: lane_of(lanes).step, lanes, jnp.where(where, 0, clock))
+    return eqx.tree_at(lambda lanes: lanes.step, lanes, jnp.where(where, 0, lanes.step))
 
 
 LANES_PER_CALL = 64  # long enough to amortise the dispatch of the loop; lanes rarely wait for each other
@@ -205,18 +199,17 @@ def first_passes(lanes: int, layout: Layout) -> int:
 
 def periods_within(
     limits: CallLimits,
-    run: Callable[[Tree, Int[Array, ""]], tuple[Tree, Int[Array, ""]]],
-    lanes: Tree,
+    run: Callable[[Lane, Int[Array, ""]], tuple[Lane, Int[Array, ""]]],
+    lanes: Lane,
     stop: Int[Array, " lanes"],
-    lane_of: LaneSelector = whole_tree,
-) -> tuple[Tree, Int[Array, ""]]:
+) -> tuple[Lane, Int[Array, ""]]:
     """Lanes after periods that end at step `stop`, by `run(lanes, passes)`, and how many of these have ended."""
 
     def one(carry: Any) -> Any:
         lanes, passes, ended = carry
         lanes, passes = run(lanes, passes)
-        over = ~jnp.any(running(lane_of(lanes), stop))
-        lanes = with_clock_reset(lanes, over & (lane_of(lanes).step == stop), lane_of)
+        over = ~jnp.any(running(lanes, stop))
+        lanes = with_clock_reset(lanes, over & (lanes.step == stop))
         return lanes, passes, ended + over.astype(ended.dtype)
 
     def on(carry):

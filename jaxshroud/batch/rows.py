@@ -5,7 +5,6 @@ Outside, arrays have the axis of lanes first, as everywhere; inside the compiled
 compute the tangents of their values. Every lane has one direction.
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -16,14 +15,14 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from jaxshroud.batch.blocks import PeriodKernels
-from jaxshroud.batch.duals import Dual, differentiable
+from jaxshroud.batch.duals import Dual, differentiable, with_tangent
 from jaxshroud.batch.flows import FlowPrograms, FlowWithMoments, canonical_slider
-from jaxshroud.batch.periods import LOGGED_BY_PERIOD, CallLimits, Sample, periods_within, repeated_trials
+from jaxshroud.batch.periods import LOGGED_BY_PERIOD, Sample, repeated_trials
 from jaxshroud.batch.states import by_blade
 from jaxshroud.batch.stretches import EnergyBalance
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.accumulator import Accumulator, EnergyJumps, mean_position
-from jaxshroud.march.carry import EachLane, Fixed, Lane, PerLane, time_grid
+from jaxshroud.march.carry import EachLane, Fixed, Lane, PerLane
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.forces_and_energy import contact_spring_energy, energy_residual, slider_position
 from jaxshroud.march.log import accumulator_of_new_period
@@ -215,55 +214,13 @@ ROW_LANES_PER_FLOW = (16, 16)  # of rows, whose kernels have as many numbers aga
 @compiled("method")
 def begin_row_flows(scenes: Dual, states: Dual, method: Choices) -> Dual:
     """`begin_flows` for rows; the lanes are last."""
-    each, (value, along) = differentiable(best_mapping()), states
+    each = differentiable(best_mapping())
 
-    def begin(scenes: Scene, motion: Any, u_s: Any) -> Lane:
-        model, state = row_models(scenes)[0], lanes_last(State(motion, u_s, value.mode, value.case))
-        return begin_row(canonical_row(carried_row(state, model), model, each), model, method, each)
+    def begin(scenes: Scene, states: State) -> Lane:
+        model = row_models(scenes)[0]
+        return begin_row(canonical_row(carried_row(lanes_last(states), model), model, each), model, method, each)
 
-    along = scenes.tangent, along.motion, along.u_s
-    return _with_tangent(begin, (scenes.value, value.motion, value.u_s), along)
-
-
-def _with_tangent(f: Callable[..., Any], values: tuple[Any, ...], tangents: tuple[Any, ...]) -> Dual:
-    """`f(*values)` and its tangent, of all real numbers, whether they depend on the direction or not."""
-    real, rest = eqx.partition(values, eqx.is_inexact_array)
-
-    def parts(real):
-        return eqx.partition(f(*eqx.combine(real, rest)), eqx.is_inexact_array)
-
-    out, along, fixed = jax.jvp(parts, (real,), (tangents,), has_aux=True)
-    return Dual(eqx.combine(out, fixed), along)
-
-
-@compiled("method", "each")
-def row_flow_with_tangents(
-    scenes: Dual,
-    lanes: Dual,
-    limits: CallLimits,
-    steps: Int[Array, "..."],
-    flat_return: PerLane,
-    turns: PerLane | None,
-    method: Choices,
-    each: EachLane,
-) -> tuple[Dual, Int[Array, ""]]:
-    """`flow_with_tangents` for rows, with the same arguments; the lanes are last."""
-
-    def flow(scenes: Scene, lanes: Lane) -> tuple[Lane, Int[Array, ""]]:
-        model, period = row_models(scenes)
-        stop = jnp.ones_like(lanes.step) * steps
-        count = stop.astype(period.dtype)
-        per_period = count if turns is None else count / turns
-        grid = time_grid(jnp.zeros_like(period), per_period, period, flat_return)
-        fixed = Fixed(model, grid, stop)
-
-        def run(lanes, passes):
-            return march_rows(lanes, fixed, method, differentiable(each), passes)
-
-        return periods_within(limits, run, lanes, stop)
-
-    (end, ended), (along, _) = _with_tangent(flow, (scenes.value, lanes.value), (scenes.tangent, lanes.tangent))
-    return Dual(end, along), ended
+    return with_tangent(begin, scenes, states)
 
 
 @compiled()
@@ -279,7 +236,7 @@ def end_row_flows(scenes: Dual, lanes: Dual, n: Int[Array, ""], turns: PerLane |
         power, moments, means = jax.tree.map(lambda a: tuple(jnp.moveaxis(a, -1, 0)), sums)
         return flow._replace(power=power, moments=moments, means=means)
 
-    return _with_tangent(end, (scenes.value, lanes.value), (scenes.tangent, lanes.tangent))
+    return with_tangent(end, scenes, lanes)
 
 
 def _end_of_rows(lanes: Lane, model: RowModel, time: Any, each: EachLane) -> FlowWithMoments:
@@ -319,4 +276,4 @@ def canonical_row(state: State, model: RowModel, each: EachLane) -> State:
     return State(motion, u_s, state.mode, state.case)
 
 
-ROW_FLOWS = FlowPrograms(begin_row_flows, row_flow_with_tangents, end_row_flows, by_blade, ROW_LANES_PER_FLOW)
+ROW_FLOWS = FlowPrograms(begin_row_flows, end_row_flows, by_blade, ROW_LANES_PER_FLOW)

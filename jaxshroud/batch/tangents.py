@@ -15,6 +15,7 @@ import numpy as np
 from jaxshroud.activity import counted
 from jaxshroud.batch.differentiable_samples import Schedule, samples_with_tangents
 from jaxshroud.batch.duals import Dual
+from jaxshroud.batch.flows import flow_with_tangents
 from jaxshroud.batch.limits import CallPace, check_memory
 from jaxshroud.batch.marches import march_of
 from jaxshroud.batch.periods import CallLimits, first_passes
@@ -72,14 +73,16 @@ def _run_in_calls(
     counts, lengths = jnp.int32(steps), None
     if turns is not None:
         counts, lengths = jnp.asarray(np.ceil(steps * turns), jnp.int32), jnp.asarray(turns, omega.dtype)
-    program, flat = march_of(scenes.value).flows, np.asarray(method.flat_return, omega.dtype)
+    march, flat = march_of(scenes.value), np.asarray(method.flat_return, omega.dtype)
+    program, kernels = march.flows, march.kernels
     lanes, pace = program.begin(scenes, states, method), CallPace(first_passes(len(omega), layout))
     done, reported = 0, 0.0
     while done < n:
 
         def call(passes: np.int32, left: int = n - done, lanes: Dual = lanes) -> tuple[Dual, int]:
             limits = CallLimits(jnp.int32(left), jnp.asarray(passes))
-            end, ended = program.run(scenes, lanes, limits, counts, flat, lengths, method, best_mapping())
+            constants = counts, flat, lengths, method, best_mapping(), kernels
+            end, ended = flow_with_tangents(scenes, lanes, limits, *constants)
             return end, int(ended)
 
         lanes, ended = pace.timed(call, lambda result, left=n - done: result[1] < left)
