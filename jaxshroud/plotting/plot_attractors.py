@@ -122,7 +122,7 @@ def _draw_orbits(panel: Axes, attractors: AttractorsData) -> None:
     count = len(attractors.share)
     for i in range(count):
         x = attractors.path_x[i] * scale.factor
-        name = _attractor_name(attractors, i)
+        name = attractors.names[i]
         is_aperiodic = attractors.kind[i] == 2
         width = CHAOS_WIDTH if is_aperiodic else _nested(i, count, NARROWEST, WIDENING)
         panel.plot(x, attractors.path_v_x[i], color=colour(i), label=name, lw=width, zorder=2 - 0.5 * is_aperiodic)
@@ -139,16 +139,10 @@ def _strobe_handle() -> Line2D:
     return Line2D([], [], color=DARK, label="at the strobe", **STROBE_STYLE)
 
 
-def _attractor_name(attractors: AttractorsData, i: int) -> str:
-    return f"{chr(65 + i) if i < 26 else i}: {attractors.names[i]}"
-
-
 def _set_rows(panel: Axes, attractors: AttractorsData) -> np.ndarray:
     """Set a row for each attractor, the first on top."""
     rows = np.arange(len(attractors.share))
-    panel.set(
-        yticks=rows, yticklabels=[_attractor_name(attractors, i) for i in rows.tolist()], ylim=(len(rows) - 0.5, -0.5)
-    )
+    panel.set(yticks=rows, yticklabels=attractors.names, ylim=(len(rows) - 0.5, -0.5))
     return rows
 
 
@@ -219,7 +213,7 @@ BASIN_PANELS = (Panel("basins", _draw_basins),)
 def _name_basins(figure: AnyFigure, axes: Mapping[str, Axes], basins: BasinsData) -> None:
     """Add the legend of the attractors."""
     count = min(len(basins.share), N_COLOURS)
-    handles: list[Artist] = [Patch(color=colour(i), label=_attractor_name(basins, i)) for i in range(count)]
+    handles: list[Artist] = [Patch(color=colour(i), label=basins.names[i]) for i in range(count)]
     if (basins.label == -1).any():
         handles.append(Patch(color=PALE, label="undecided"))
     if (basins.label == -2).any():
