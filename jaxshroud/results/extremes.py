@@ -194,7 +194,7 @@ def lane_of(levels: np.ndarray) -> tuple[int, ...]:
     return tuple(map(int, np.unravel_index(np.argmax(levels), levels.shape)))
 
 
-def lane_place(swept: Swept, lane: tuple[int, ...]) -> Place:
+def lane_place(swept: Swept, lane: tuple[Any, ...]) -> Place:
     """Where a lane is in a sweep."""
     at = lane[len(lane) - len(swept.axes) :]
     return {key: float(values[i]) for (key, values), i in zip(swept.axes.items(), at, strict=True)}
