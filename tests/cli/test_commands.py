@@ -208,7 +208,7 @@ def test_help_has_an_example(verb, capsys):
         ("simulate table1 --set contact.width=1e-6 --out a.nc", ("[contact] width is for smooth contact",)),
         ("simulate table1 --set parts.fricton=none --out a.nc", ("[parts]", "`friction`")),
         ("sweep table1 --along contact.width --values 1e-6,2e-6 --out s", ("contact.width", "not smooth")),
-        ("plot .", ("neither sweep.nc nor power.json",)),
+        ("plot .", (". is empty; was the run interrupted?",)),
         ("convert . --out a.csv", (".: is a folder", "sweep.nc")),
         ("sweep table1 --along contact.gamma --values 1,2 --out=", ("--out", "is empty")),
         ("plot a.nc --width 9", ("--width", "a length is needed", "90mm")),
