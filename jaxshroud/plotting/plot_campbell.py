@@ -98,11 +98,8 @@ def _top(ds: xr.Dataset, contacts: Iterable[str]) -> float:
     shown = []
     for members in (members for contact in contacts for members in _lines_of(ds, contact).values()):
         frequency = curves[members][np.isfinite(curves[members])]
-        lowest = frequency.min(initial=np.inf)
-        if len(members) == 1:
-            shown += [*frequency[frequency < NEAR * reached], min(reached, frequency.max(initial=0.0))]
-        elif lowest < reached:  # of a band its lower end
-            shown.append(lowest)
+        shown.append(min(reached, frequency.max(initial=0.0)))
+        shown += [*frequency[frequency < NEAR * reached]] if len(members) == 1 else []
     return HEADROOM * max(shown, default=reached)
 
 

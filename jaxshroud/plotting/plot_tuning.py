@@ -35,7 +35,7 @@ from jaxshroud.scene.quantities import is_reduction, quantity_symbol
 from jaxshroud.signals.effects import between
 
 SHARE_LABEL = "share of draws below"
-ACROSS, ROBUST_HEIGHT = 2, 1.5  # panels in a row, and the height of a row [inch]
+ACROSS, ROBUST_HEIGHT = 2, 1.2  # panels in a row, and the height of a row [inch]
 FEW_LOSSES = 40  # values of a number that are joined by a line; more are dots, as their losses jump between motions
 INTERVAL_MARGIN = 0.35  # share of the interval's width that is shown on either side
 LOSSES_SHOWN = 3.0  # largest loss shown, relative to the permissible one
@@ -117,7 +117,7 @@ def _draw_P_d_scatter(panel: Axes, robust: Summary) -> None:
     if robust.get("at_least") is not None:
         panel.axvline(robust["at_least"], color=ORANGE, ls="--", lw=0.9)
         chance = between(*(robust[name] for name in ("probability", "probability_low", "probability_high")))
-        panel.set_title(f"at least {robust['at_least']:g} % (dashed): {chance}")
+        panel.set_title(f"probability of at least {robust['at_least']:g} % (dashed)\n{chance}")
     panel.set(xlabel=f"worst {_reduction_symbol(robust)} of a draw [%]", ylabel=SHARE_LABEL, ylim=(0, 1))
 
 

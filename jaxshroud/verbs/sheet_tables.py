@@ -152,7 +152,8 @@ def _crossing_row(crossings: Sequence[Crossing]) -> list[str]:
     """The row of modes that an engine order meets at one speed: that of free blades gives its name."""
     first, *_ = sorted(crossings, key=lambda crossing: crossing.contact)
     contacts = dict.fromkeys(CONTACT_NAMES[crossing.contact] for crossing in (first, *crossings))
-    apart = f"{abs(first.margin):.2g} % {'above' if first.margin > 0 else 'below'}"
+    share = abs(first.margin)
+    apart = f"{share:.{0 if share >= 10 else 1}f} % {'above' if first.margin > 0 else 'below'}"
     return [first.mode, ", ".join(contacts), f"{first.engine_order:g}", f"{first.speed * RPM:.5g}", apart]
 
 
@@ -176,7 +177,7 @@ def _pressed_text(sheet: DataSheet) -> str:
     pressed = sheet.over_speed.pressed if sheet.over_speed else ()
     if not pressed:
         return ""
-    ranges = [f"{f'from {begin * RPM:.3g} ' if begin else ''}up to {end * RPM:.3g} rpm" for begin, end in pressed]
+    ranges = [f"{f'from {begin * RPM:.0f} ' if begin else ''}up to {end * RPM:.0f} rpm" for begin, end in pressed]
     together = f"pressed together {' and '.join(ranges)}: stuck modes count there, modes apart elsewhere"
     if pressed[-1][1] == sheet.stop:
         return together

@@ -102,7 +102,7 @@ def test_faces_that_open_with_speed_are_told_with_the_speed():
     # The interfaces of a ring of alike blades are pressed while their gap is negative: it is -5 um + 25 um (n / 900)^2
     # at n rpm, up to 900 / sqrt(5) rpm.
     untwist = ["shroud.gap=-5um", "shroud.gap_at=20um", "shroud.gap_at_speed=900 rpm", 'parts.motion=["x"]']
-    ring, opens = js.load("row_ring12", [*RING, *untwist]), f"{900 / np.sqrt(5):.3g} rpm"
+    ring, opens = js.load("row_ring12", [*RING, *untwist]), f"{900 / np.sqrt(5):.0f} rpm"
     told = lines_of(js.check(ring))["faces"]
     assert told.startswith(f"pressed together up to {opens}: stuck modes count there, modes apart elsewhere; once")
     assert "the largest amplitude with contact may be at none of these crossings" in told
