@@ -171,7 +171,10 @@ def places_of(page):
     return {re.sub(r"[^\w\- ]", "", head.lower()).strip().replace(" ", "-") for head in heads}
 
 
-@pytest.mark.parametrize("path", [*PAGES, ROOT / "CONTRIBUTING.md"], ids=lambda path: str(path.relative_to(ROOT)))
+OTHERS = [ROOT / name for name in ("CONTRIBUTING.md", "CHANGELOG.md", "HISTORY.md", "tests/studies/README.md")]
+
+
+@pytest.mark.parametrize("path", [*PAGES, *OTHERS], ids=lambda path: str(path.relative_to(ROOT)))
 def test_a_page_reads_in_the_repository(path):
     text = path.read_text("utf-8")
     assert not re.findall(r"^:::|^!!!|\{\{|\{ \.\w+ \}", text, re.MULTILINE)  # what only MkDocs knows
