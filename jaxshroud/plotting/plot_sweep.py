@@ -226,12 +226,11 @@ def _draw_curve_samples(panel: Axes, curve: Curve) -> None:
     scale = scale_of(gap_of_lanes(ds), unit)
     x = (ds["x"].to_numpy()[:, :, 0].T * scale.factor).T
     values = np.broadcast_to(axis.values[:, None], x.shape)
-    style: Properties = {"ms": 1.5 if motion.size > 100 else 2.5, "rasterized": True}
+    style: Properties = {"ms": 1.5 if motion.size > 100 else 2.5, "mew": 0, "rasterized": True}
     for i, color in enumerate(MOTION_COLOURS.values()):
         lanes = motion == i
         alpha = float(np.clip(5e4 / max(x.size, 1), 0.2, 1))
-        mark: Properties = {"marker": "x", "mew": 0.3} if i == UNSETTLED_COLOUR else {"marker": ".", "mew": 0}
-        panel.plot(values[lanes].ravel(), x[lanes].ravel(), ls="", color=color, alpha=alpha, **style, **mark)
+        panel.plot(values[lanes].ravel(), x[lanes].ravel(), ".", color=color, alpha=alpha, **style)
     panel.set(xlabel=axis.label, ylabel=scale.label(first_blade(ds)))
     drawn = x[motion >= 0]
     limit_zoom(panel, drawn, 0.02 * float(np.nanmax(np.abs(drawn), initial=0.0)))

@@ -172,7 +172,7 @@ class PowerResult(WithAmplitudes, WithLoads, WithEquivalent, Result):
         Raises:
             ValueError: There are many scenes.
         """
-        self._check_single("The mechanism is told of one scene")
+        self._check_single("The mechanism is that of one scene")
         return sentences_of(self)
 
     def summary(self) -> dict[str, JSONValue]:

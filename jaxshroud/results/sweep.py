@@ -100,7 +100,7 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
     )  # this and the next two: only in sweeps in several directions; `jump` once the steep steps were halved
     steep = Variable("", stored=np.int8, kind=bool)
     coexisting = Variable("", stored=np.int8, kind=bool)
-    inaccurate = Variable("estimated to miss the accuracy asked for", stored=np.int8, kind=bool)
+    inaccurate = Variable("estimated to miss the requested accuracy", stored=np.int8, kind=bool)
     unconfirmed = Variable("settled elsewhere than a finer march", stored=np.int8, kind=bool)
 
     @property

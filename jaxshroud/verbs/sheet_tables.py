@@ -165,7 +165,7 @@ def _harmonics_text(sheet: DataSheet) -> str:
 
 
 def _speed_text(sheet: DataSheet) -> str:
-    known = "" if sheet.is_own_order else ", taken as the scene tells none"
+    known = "" if sheet.is_own_order else ", taken as the scene has none"
     span = f"crossings from {sheet.start * RPM:.5g} to {sheet.stop * RPM:.5g} rpm"
     at_order = f"engine order {sheet.drive_order:g}{known}"
     growth = "with the stiffness of each speed" if sheet.over_speed else "without centrifugal stiffening"

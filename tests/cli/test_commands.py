@@ -339,7 +339,7 @@ def test_each_method_has_its_own_limit_of_stability(tmp_path, capsys):
 
 def test_float64_is_not_lost_silently(table1):
     single = jax.tree.map(lambda a: a.astype("float32"), table1)
-    with pytest.raises(ValueError, match="Float64 is asked for"):
+    with pytest.raises(ValueError, match="Float64 is requested"):
         sweep(single, {"contact.gamma": [1.0, 2.0]}, n_periods=1, method=js.RungeKutta(steps=400), transient=0)
     with pytest.raises(ValueError, match="steps_per_period"):
         sweep(table1, {"contact.gamma": [1.0]}, n_periods=1, method=js.RungeKutta(steps=4), transient=0)
