@@ -51,7 +51,7 @@ from jaxshroud.plotting.style import (
 )
 from jaxshroud.scene.checks import InputError
 
-UNSETTLED = "transient not over"
+NOT_OVER = "transient not over"
 MOTION_COLOURS = {
     "period 1": BLUE,
     "period 2": ORANGE,
@@ -60,9 +60,9 @@ MOTION_COLOURS = {
     "periods 5–8": SKY,
     "periods 9–16": RED,
     "aperiodic": DARK,
-    UNSETTLED: PALE,
+    NOT_OVER: PALE,
 }
-UNSETTLED_COLOUR = list(MOTION_COLOURS).index(UNSETTLED)  # of lanes without a period number, whose transient may last
+UNSETTLED_COLOUR = list(MOTION_COLOURS).index(NOT_OVER)  # of lanes without a period number, whose transient may last
 COLOUR_OF_PERIOD = np.array([6, 0, 1, 2, 3, *[4] * 4, *[5] * 8])  # period number -> index in MOTION_COLOURS
 EXPONENT_LABEL = r"exponent $\lambda_1$ [1/T]"  # the largest Lyapunov exponent
 
@@ -276,7 +276,7 @@ def _draw_curve_power(panel: Axes, curve: Curve) -> None:
     settled = ((ds["P_d_settled"] == 1) & (ds["settled"] == 1)).to_numpy()
     aperiodic = settled & (ds["period_number"] == 0).to_numpy()
     style: Properties = {"ms": 2.2 if motion.size > 100 else 3.0, "mfc": "white", "mew": 0.6}
-    for name, marker, colour, lanes in (("aperiodic", "o", DARK, aperiodic), (UNSETTLED, "x", RED, ~settled)):
+    for name, marker, colour, lanes in (("aperiodic", "o", DARK, aperiodic), (NOT_OVER, "x", RED, ~settled)):
         marked = lanes & (motion >= 0)
         if marked.any():
             panel.plot(axis.values[marked], P_d[marked], marker, label=name, mec=colour, **style)

@@ -9,7 +9,7 @@ import xarray as xr
 
 import jaxshroud as js
 from jaxshroud.plotting.pictures import picture
-from jaxshroud.plotting.plot_sweep import MOTION_COLOURS, UNSETTLED
+from jaxshroud.plotting.plot_sweep import MOTION_COLOURS, NOT_OVER
 from jaxshroud.plotting.style import STYLE, save_figure
 
 pytestmark = pytest.mark.full
@@ -238,8 +238,8 @@ def test_unsure_powers_are_marked_by_shape():
     unsettled = ds["settled"] == 0
     aperiodic = (ds["period_number"] == 0) & ~unsettled
     marks = {line.get_label(): line for line in panel.lines[1:]}
-    assert list(marks) == ["aperiodic", UNSETTLED]
-    for name, lanes in (("aperiodic", aperiodic), (UNSETTLED, unsettled)):
+    assert list(marks) == ["aperiodic", NOT_OVER]
+    for name, lanes in (("aperiodic", aperiodic), (NOT_OVER, unsettled)):
         assert 0 < lanes.sum() < 40
         np.testing.assert_array_equal(marks[name].get_xdata(), ds["gamma"][lanes])
     assert {line.get_marker() for line in marks.values()} == {"o", "x"}
@@ -250,10 +250,10 @@ def test_unsettled_lanes_are_not_called_aperiodic():
     ds["period_number"][:] = 0
     ds["settled"][:] = [1, 1, 1, 1, 1, 0, 0, 0, 0]
     samples, strip, _ = drawn(figure := picture("sweep", ds)).axes
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["aperiodic", UNSETTLED]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["aperiodic", NOT_OVER]
     edge = float(ds["gamma"][4])
     colours = {line.get_color(): line.get_xdata() for line in samples.lines if line.get_xdata().size}
-    assert colours[MOTION_COLOURS["aperiodic"]].max() == edge < colours[MOTION_COLOURS[UNSETTLED]].min()
+    assert colours[MOTION_COLOURS["aperiodic"]].max() == edge < colours[MOTION_COLOURS[NOT_OVER]].min()
     assert len(np.unique(strip.collections[0].get_facecolors(), axis=0)) == 2
     ds["period_number"][:] = 1  # a period number that was found is shown
     assert [text.get_text() for text in picture("sweep", ds).legends[0].get_texts()] == ["period 1"]
