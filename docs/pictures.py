@@ -220,9 +220,9 @@ def fit(path: Path) -> None:
 
 
 def engineer_scene() -> str:
-    """The scene that a page shows as a file of one's own."""
+    """The second scene that a page shows."""
     page = (Path(__file__).parent / "engineer.md").read_text("utf-8")
-    return page.partition("```toml\n")[2].partition("```")[0]
+    return page.split("```toml\n")[2].partition("```")[0]
 
 
 def drawn(commands: list[str], last: str, to: Path) -> None:

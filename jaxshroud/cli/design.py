@@ -128,7 +128,7 @@ def _tuning_rows(tuned: Tuned) -> dict[str, Any]:
         **{f"  {name}": _level_text(tuned, check.objective[0]) for name, check in tuned.checks.items()},
         **({"at a bound": tuned.at_bounds} if tuned.at_bounds else {}),
         **({"flat": tuned.flat} if tuned.flat else {}),
-        **({"static deflection": tuned.static_deflection} if tuned.static_deflection else {}),
+        **({"mean position": tuned.mean_shift} if tuned.mean_shift else {}),
         **_limit_rows(tuned),
         **_robustness_rows(tuned),
         "verdict": "confirmed" if tuned.confirmed else "not confirmed: the simulations differ, or exceed a limit",

@@ -78,9 +78,10 @@ def resolve_march(
 def _print_settling(file: SceneFile, scenes: Scene) -> None:
     """Say how long light damping takes, where the transient is shorter."""
     needed = settling_periods(without_given(scenes))
-    advice = settling_advice(needed, scenes.parts.contact != "none")
+    discarded = f", {file.run.transient} are discarded"
+    advice = settling_advice(needed, scenes.parts.contact != "none", discarded)
     if advice and needed > file.run.transient:
-        print(f"{file.name}: {file.run.transient} periods are discarded; {advice}", file=sys.stderr)
+        print(f"{file.name}: {advice}", file=sys.stderr)
 
 
 def may_be_in_closed_form(scenes: Scene, asked: Asked, options: argparse.Namespace) -> bool:

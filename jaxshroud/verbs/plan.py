@@ -33,7 +33,8 @@ def warn_missed(missed: np.ndarray, choice: Choice, dropped: np.ndarray | None =
         dropped: The energy that beginnings of flat contact dropped in each lane, over the gross work of the drive.
     """
     if missed.any():
-        text = f"{missed.sum()} of {missed.size} runs miss the accuracy of {choice.accuracy:.0e} within three periods"
+        runs = f"{missed.sum()} of {missed.size} runs may miss the accuracy of {choice.accuracy:.0e} over three periods"
+        text = f"{runs}: statistics of chaos bear it, single values do not"
         share = 0.0 if dropped is None else float(np.max(np.nan_to_num(dropped), initial=0.0))
         dropped_text = (
             f"; where faces became flat, up to {share:.0e} of the drive's gross work was dropped" if share > 0 else ""

@@ -114,16 +114,20 @@ def settling_periods(scenes: Scene) -> float:
     return float(-np.log(DIED_OUT) / (2 * np.pi * slowest)) if slowest > 0 else np.inf
 
 
-def settling_advice(periods: float, touches: bool) -> str:
-    """What to do about light damping, whose free vibration takes so many drive periods to die out; else empty.
+def settling_advice(periods: float, touches: bool, discarded: str = "") -> str:
+    """What to do about light damping, whose free vibration takes so many drive periods to decay; else empty.
 
-    What is said of faces that touch was measured by `tests/studies/wheel_periods.py`.
+    `discarded` says how many are discarded. What is said of faces that touch was measured by
+    `tests/studies/wheel_periods.py`.
     """
     if not periods > MANY_PERIODS:  # nor NaN
         return ""
-    dies = f"dies out to a thousandth in {periods:.0f} periods" if np.isfinite(periods) else "never dies out"
-    sooner = f"; where faces touch, averages stand after some {TOUCHING_PERIODS}: keep more rather than discard more"
-    return f"what contact does not damp {dies}{sooner if touches else ''}"
+    advice = f"free motion is not damped and never decays{discarded}"
+    if np.isfinite(periods):
+        transient = f"{10 * np.ceil(periods / 10):.0f}"
+        advice = f"free motion needs {periods:.0f} periods to decay to 0.1 %{discarded}: add --transient {transient}"
+    sooner = f"; where faces touch, averages stand after some {TOUCHING_PERIODS} periods: rather keep more of them"
+    return f"{advice}{sooner if touches else ''}"
 
 
 def _rubs(scene: Scene) -> bool:

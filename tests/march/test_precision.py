@@ -105,7 +105,7 @@ def test_a_map_of_periods_is_in_the_precision_of_its_method(scene):
 )
 def test_float64_is_refused_where_there_are_no_such_digits(scene, verb):
     single = jax.tree.map(lambda a: a.astype("float32"), scene)
-    with pytest.raises(ValueError, match="Float64 is asked for"):
+    with pytest.raises(ValueError, match="Float64 is requested"):
         verb(single)
 
 
