@@ -73,6 +73,10 @@ COMMANDS = {
         ],
         "tuned/tune.png",
     ),
+    "tune_gap.png": (
+        ["tune engine_order --over shroud.gap=0um:200um --of x_peak --scan 16 --updates 0 --out tuned"],
+        "tuned/tune.png",
+    ),
     "robust.png": (
         [
             f"tune {SCENE} --over shroud.gap=5um:100um --over contact.gamma=0.5:6 --range drive.F_0=40,60 "
