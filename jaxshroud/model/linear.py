@@ -10,14 +10,12 @@ from jax import lax
 from jaxtyping import Array, Complex, Float
 
 from jaxshroud.model.arithmetic import Scalar, sincos_turns, sine_versine, summed
-from jaxshroud.model.blade import inverse_of, matrix_rows, times_vector
 from jaxshroud.model.drive import multiple_angle
 from jaxshroud.model.geometry import gyration
-from jaxshroud.model.linear_systems import coupled_response
+from jaxshroud.model.linear_system import coupled_response
 from jaxshroud.scene.drive import AnyLoad
 from jaxshroud.scene.fields import PerBlade
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene, Shroud
 from jaxshroud.scene.typed import typed
 
@@ -79,29 +77,10 @@ def means_from_static(scene: Scene, means: Any) -> Any:
 
 def _response_to(scene: Scene, order: int, load: AnyLoad) -> Amplitudes:
     """The steady response of the free blades to one harmonic."""
-    if scene.is_coupled:
-        return Amplitudes._make(coupled_response(scene, scene.drive.frequency(order), load))
-    response = _steady_response if scene.blade_matrices is None else _elastic_response
-    return response(scene, scene.drive.frequency(order), load)
-
-
-def _elastic_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Amplitudes:
-    """The response of the shrouds of elastic blades."""
-    assert scene.blade_matrices is not None
-    mass, damping, stiffness, shroud = map(matrix_rows, scene.blade_matrices)
-    size = range(len(mass))
-    dynamic = [
-        [lax.complex(stiffness[i][j] - mass[i][j] * omega**2, damping[i][j] * omega) for j in size] for i in size
-    ]
-    rows = [[lax.complex(a, jnp.zeros_like(a)) for a in row] for row in shroud]
-    moving = [float(scene.parts.has(name, 0)) for name in COORDINATES]
-    loads = [
-        lax.complex(*(part * moves for part in drive.parts(name)[:2]))
-        for name, moves in zip(COORDINATES, moving, strict=True)
-    ]
-    forces = times_vector([[row[j] for row in rows] for j in size], loads)
-    found = times_vector(rows, times_vector(inverse_of(dynamic), forces))
-    return Amplitudes._make(a * moves for a, moves in zip(found, moving, strict=True))
+    omega = scene.drive.frequency(order)
+    if scene.is_coupled or scene.blade_matrices is not None:
+        return Amplitudes._make(coupled_response(scene, omega, load))
+    return _steady_response(scene, omega, load)
 
 
 def _steady_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Amplitudes:

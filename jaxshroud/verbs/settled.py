@@ -17,7 +17,6 @@ from jaxshroud.batch.linear_transient import outlasts_transient
 from jaxshroud.batch.load_path import start_equilibria
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.cache.programs import kept
-from jaxshroud.model.linear_systems import touching_gradients
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.natural_modes import LinearContact, linear_contact
 from jaxshroud.results.data_sheet import SettledMotion
@@ -203,7 +202,7 @@ def _open_text(scenes: Scene, at: int) -> str:
 
 @kept()
 def _touching(scene: Scene) -> LinearContact:
-    return linear_contact(scene, touching_gradients(scene))
+    return linear_contact(scene)
 
 
 def default_state(scenes: Scene | SceneFile, method: MethodArgument) -> LinearState | None:
