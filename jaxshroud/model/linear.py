@@ -102,11 +102,7 @@ def _steady_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Amplitudes:
         unbounded = jnp.where(load.size == 0, 0.0, jnp.inf)
         return jnp.where(is_undamped, unbounded, force / jnp.where(is_undamped, 1.0, stiffness))
 
-    return Amplitudes(
-        response("x", b.m, b.c_x, b.k_x),
-        response("y", b.inertia_y, b.c_y, b.k_y),
-        response("theta", b.I, b.c_T, b.k_T),
-    )
+    return Amplitudes(*(response(name, *own) for name, own in b.oscillators.items()))
 
 
 def free_reach(free: dict[int, Amplitudes], name: str) -> Any:
@@ -197,10 +193,10 @@ def free_oscillations(scene: Scene) -> FreeOscillation:
     def stack(*columns):
         return jnp.stack(columns, axis=-1)
 
-    mass = stack(b.m, b.inertia_y, b.I)
-    damping = stack(b.c_x, b.c_y, b.c_T) / (2 * mass)
+    mass, damping, stiffness = (stack(*a) for a in zip(*b.oscillators.values(), strict=True))
+    damping = damping / (2 * mass)
     steady = {n: stack(*one) for n, one in free.items()}
-    return FreeOscillation(steady, damping, stack(b.k_x, b.k_y, b.k_T) / mass - damping**2)
+    return FreeOscillation(steady, damping, stiffness / mass - damping**2)
 
 
 def decay_factors(swing: FreeOscillation, t: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:

@@ -31,13 +31,13 @@ def free_system(scene: Scene) -> LinearSystem:
     """Lumped blades at the scene's speed with their mistuning, and what couples them beside contact."""
     b = scene.mistuned_blades
     xp = b.m.__array_namespace__()
+    mass, damping, stiffness = (xp.concatenate(a, axis=-1) for a in zip(*b.oscillators.values(), strict=True))
 
-    def total(kind: str) -> Any:
-        own = xp.concatenate([getattr(b, f"{kind}_{suffix}") for suffix in SUFFIXES.values()], axis=-1)
+    def total(own: Any, kind: str) -> Any:
         diagonal = own[..., None] * np.eye(own.shape[-1], dtype=own.dtype)
         return diagonal + coupling_matrix(scene, kind) if scene.is_coupled else diagonal
 
-    return LinearSystem(xp.concatenate([b.m, b.inertia_y, b.I], axis=-1), total("c"), total("k"))
+    return LinearSystem(mass, total(damping, "c"), total(stiffness, "k"))
 
 
 def coupling_matrix(scene: Scene, kind: str) -> Any:

@@ -269,8 +269,7 @@ def _end_of_range(modes: Sequence[NaturalMode], omega: float, speed: float) -> f
 
 def _free_coordinates(arrays: Scene, free: FreeMotion) -> dict[str, Coordinate]:
     b = arrays.mistuned_blades
-    oscillators = {"x": (b.m, b.c_x, b.k_x), "y": (b.inertia_y, b.c_y, b.k_y), "theta": (b.I, b.c_T, b.k_T)}
-    return {name: _coordinate(oscillators[name], free, name) for name in arrays.parts.motion}
+    return {name: _coordinate(b.oscillators[name], free, name) for name in arrays.parts.motion}
 
 
 def _coordinate(oscillator: tuple[Any, Any, Any], free: FreeMotion, name: str) -> Coordinate:

@@ -97,16 +97,10 @@ def settling_periods(scenes: Scene) -> float:
     """
     if scenes.blade_matrices is not None:
         return float("nan")
-    blades, motion = scenes.mistuned_blades, scenes.parts.motion
-    numbers = {
-        "x": (blades.m, blades.c_x, blades.k_x),
-        "y": (blades.inertia_y, blades.c_y, blades.k_y),
-        "theta": (blades.I, blades.c_T, blades.k_T),
-    }
     omega = np.asarray(scenes.drive.omega, float)[:, None]
     slowest = np.inf
-    for name in motion:
-        m, c, k = (np.asarray(a, float) for a in numbers[name])
+    for name in scenes.parts.motion:
+        m, c, k = (np.asarray(a, float) for a in scenes.mistuned_blades.oscillators[name])
         damping, square = c / (2 * m), k / m
         creeps = np.sqrt(np.maximum(damping**2 - square, 0.0))
         slowest = min(slowest, float(np.min((damping - creeps) / omega)))
