@@ -5,7 +5,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from jaxshroud.model.natural_modes import (
+from jaxshroud.linear.natural_modes import (
     Growth,
     LinearContact,
     NaturalContact,

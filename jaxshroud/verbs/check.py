@@ -12,13 +12,13 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from jaxshroud.cache.programs import kept
+from jaxshroud.linear.natural_modes import LinearContact, drive_loads, linear_contact
 from jaxshroud.march.stability import steps_for, stiffest
 from jaxshroud.march.tableau import RK4
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import Amplitudes, steady_amplitudes, waves_of
 from jaxshroud.model.linear_system import flow_matrix, solutions
-from jaxshroud.model.natural_modes import LinearContact, drive_loads, linear_contact
 from jaxshroud.model.steady_numbers import steady_peak
 from jaxshroud.results.data_sheet import Coordinate, DataSheet, FlowMode, NaturalMode, crossings_between
 from jaxshroud.scene.checks import InputError

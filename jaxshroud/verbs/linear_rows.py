@@ -13,7 +13,7 @@ import numpy as np
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.batch.threads import in_chunks
 from jaxshroud.cache.programs import kept
-from jaxshroud.model.linear_systems import (
+from jaxshroud.linear.mistuned import (
     MistunedSystem,
     linear_systems,
     linear_waves,
@@ -21,8 +21,8 @@ from jaxshroud.model.linear_systems import (
     part_of,
     wave_slopes,
 )
+from jaxshroud.linear.natural_modes import NaturalContact
 from jaxshroud.model.modes import Status
-from jaxshroud.model.natural_modes import NaturalContact
 from jaxshroud.model.steady_numbers import SteadyNumbers, steady_course, steady_peak, steady_rms, turning_phases
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.quantities import amplitude_of

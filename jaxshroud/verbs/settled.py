@@ -9,16 +9,16 @@ from typing import cast, overload
 import jax
 import numpy as np
 
-from jaxshroud.batch.equilibrium import Equilibrium, static_equilibria
-from jaxshroud.batch.held_contact import LinearState, held_contact, is_linear, sprung
-from jaxshroud.batch.linear_motion import LinearMotion, linear_motions
 from jaxshroud.batch.linear_runs import linear_status
-from jaxshroud.batch.linear_transient import outlasts_transient
-from jaxshroud.batch.load_path import start_equilibria
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.cache.programs import kept
+from jaxshroud.linear.equilibrium import Equilibrium, static_equilibria
+from jaxshroud.linear.held_contact import LinearState, held_contact, is_linear, sprung
+from jaxshroud.linear.linear_motion import LinearMotion, linear_motions
+from jaxshroud.linear.linear_transient import outlasts_transient
+from jaxshroud.linear.load_path import start_equilibria
+from jaxshroud.linear.natural_modes import LinearContact, linear_contact
 from jaxshroud.model.modes import Mode, Status
-from jaxshroud.model.natural_modes import LinearContact, linear_contact
 from jaxshroud.results.data_sheet import SettledMotion
 from jaxshroud.scene.checks import InputError, word_argument
 from jaxshroud.scene.file import SceneFile

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.cache.programs import kept
+from jaxshroud.linear.natural_modes import NaturalContact, contact_stiffness, drive_loads, linear_contact
 from jaxshroud.model.linear_system import solutions
-from jaxshroud.model.natural_modes import NaturalContact, contact_stiffness, drive_loads, linear_contact
 from jaxshroud.scene.scene import Scene
 
 

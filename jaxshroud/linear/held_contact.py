@@ -5,7 +5,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from jaxshroud.batch.equilibrium import (
+from jaxshroud.linear.equilibrium import (
     PRESSED,
     ContactState,
     friction_free,
@@ -15,7 +15,7 @@ from jaxshroud.batch.equilibrium import (
     position_in,
     springs_of,
 )
-from jaxshroud.batch.load_path import loaded_equilibria
+from jaxshroud.linear.load_path import loaded_equilibria
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.scene.other_parts import with_parts
 from jaxshroud.scene.scene import Scene, without_given

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.batch.equilibrium import (
+from jaxshroud.linear.equilibrium import (
     CHANGES_AT_ONCE,
     MOST_CHANGES,
     NUMBERS_AT_ONCE,
@@ -33,7 +33,7 @@ from jaxshroud.batch.equilibrium import (
     unbalanced,
     with_float64,
 )
-from jaxshroud.batch.path_guards import (
+from jaxshroud.linear.path_guards import (
     PathGuards,
     Placed,
     Rubbing,

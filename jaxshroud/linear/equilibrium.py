@@ -13,6 +13,7 @@ import jax
 import numpy as np
 
 from jaxshroud.activity import counted
+from jaxshroud.linear.resting_contact import RestingContact, resting_contact
 from jaxshroud.model.linear_system import (
     ReducedSystem,
     directions,
@@ -22,7 +23,6 @@ from jaxshroud.model.linear_system import (
     solutions,
 )
 from jaxshroud.model.modes import FLAT, Mode
-from jaxshroud.model.resting_contact import RestingContact, resting_contact
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import FloatArray
 

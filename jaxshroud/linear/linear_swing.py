@@ -11,13 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxshroud.batch.equilibrium import PRESSED, friction_free
-from jaxshroud.batch.held_contact import HeldContact
 from jaxshroud.cache.programs import kept
+from jaxshroud.linear.equilibrium import PRESSED, friction_free
+from jaxshroud.linear.held_contact import HeldContact
+from jaxshroud.linear.natural_modes import drive_loads
+from jaxshroud.linear.resting_contact import resting_contact_of
 from jaxshroud.model.linear_system import LinearSystem, ReducedSystem, free_system, mean_loads, solutions
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.natural_modes import drive_loads
-from jaxshroud.model.resting_contact import resting_contact_of
 from jaxshroud.scene.scene import Scene
 
 

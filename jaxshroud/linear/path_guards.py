@@ -10,9 +10,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.equilibrium import ContactState
+from jaxshroud.linear.equilibrium import ContactState
+from jaxshroud.linear.resting_contact import RestingContact
 from jaxshroud.model.modes import FLAT, Mode
-from jaxshroud.model.resting_contact import RestingContact
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
 

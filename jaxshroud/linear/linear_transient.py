@@ -10,11 +10,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.equilibrium import in_pieces
-from jaxshroud.batch.held_contact import HeldContact, sprung
-from jaxshroud.batch.linear_motion import NUMBERS_OF_MOTIONS, LinearMotion
-from jaxshroud.batch.linear_swing import HeldRest, SwingWaves, steady_swings
 from jaxshroud.cache.programs import kept
+from jaxshroud.linear.equilibrium import in_pieces
+from jaxshroud.linear.held_contact import HeldContact, sprung
+from jaxshroud.linear.linear_motion import NUMBERS_OF_MOTIONS, LinearMotion
+from jaxshroud.linear.linear_swing import HeldRest, SwingWaves, steady_swings
 from jaxshroud.model.linear_system import LinearSystem, rate_matrix
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import FloatArray

@@ -13,10 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxshroud.batch.equilibrium import in_pieces
-from jaxshroud.batch.held_contact import HeldContact, held_contact, sprung
-from jaxshroud.batch.linear_swing import HeldRest, SwingWaves, steady_swing_tangents, steady_swings
 from jaxshroud.cache.programs import kept
+from jaxshroud.linear.equilibrium import in_pieces
+from jaxshroud.linear.held_contact import HeldContact, held_contact, sprung
+from jaxshroud.linear.linear_swing import HeldRest, SwingWaves, steady_swing_tangents, steady_swings
 from jaxshroud.model.arithmetic import sine_versine
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import static_position
