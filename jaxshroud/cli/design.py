@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 import jaxshroud
-from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Plan, Progress
 from jaxshroud.batch.threads import cores
@@ -27,6 +26,7 @@ from jaxshroud.cli.terminal import (
 )
 from jaxshroud.io.files import write
 from jaxshroud.io.store import write_json
+from jaxshroud.linear.held_contact import is_linear
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.march.method_names import LARGEST_FIRST
 from jaxshroud.results.base import ORIGIN

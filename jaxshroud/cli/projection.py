@@ -9,7 +9,6 @@ from time import perf_counter, process_time
 import jax
 import numpy as np
 
-from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.batch.limits import results_size, sweep_memory
 from jaxshroud.batch.periods import lanes_per_call
 from jaxshroud.batch.plan import Plan, Progress, Ticker
@@ -17,6 +16,7 @@ from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.threads import cores
 from jaxshroud.cli.progress import progress_bar
+from jaxshroud.linear.held_contact import is_linear
 from jaxshroud.scene.layout import PAIR, Direction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.valid import in_precision

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from contextlib import contextmanager
 from typing import Unpack
 
-from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.cli.progress import progress_bar
 from jaxshroud.cli.terminal import CommandError, input_errors_at
 from jaxshroud.io.lane_status import AccuracyWarning
+from jaxshroud.linear.held_contact import is_linear
 from jaxshroud.march.method import Choices, Method, RungeKutta, Taylor
 from jaxshroud.march.stability import step_report, stiffest
 from jaxshroud.scene.config import load

@@ -6,10 +6,10 @@ from typing import TypedDict, Unpack
 
 import numpy as np
 
-from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.batch.marches import march_of, require_march
 from jaxshroud.batch.plan import Progress
 from jaxshroud.io.lane_status import AccuracyWarning
+from jaxshroud.linear.held_contact import is_linear
 from jaxshroud.march.method import FAST, Choices, Method, choices, method_of
 from jaxshroud.march.stability import steps_for
 from jaxshroud.model.contact_law import ContactLaw

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.held_contact import held_contact
-from jaxshroud.batch.linear_motion import linear_motions
-from jaxshroud.batch.linear_transient import outlasts_transient
 from jaxshroud.cli.commands import main
+from jaxshroud.linear.held_contact import held_contact
+from jaxshroud.linear.linear_motion import linear_motions
+from jaxshroud.linear.linear_transient import outlasts_transient
 from jaxshroud.scene.scene import without_given
 from jaxshroud.verbs.gradient import differences
 from jaxshroud.verbs.settled import default_state, settling_periods
