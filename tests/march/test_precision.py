@@ -7,7 +7,7 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud import sweep as sweep_verb
-from jaxshroud.batch import marches, sampling, stepped_runs
+from jaxshroud.batch import sampling, stepped_runs, tangents
 from jaxshroud.model.prepared import initial_state
 from jaxshroud.orbits.shooting import CLOSING_TOLERANCE
 
@@ -34,8 +34,7 @@ def computed(monkeypatch):
 
         return call
 
-    flows = marches.PAIRS.flows
-    monkeypatch.setattr(marches, "PAIRS", marches.PAIRS._replace(flows=flows._replace(run=watched(flows.run))))
+    monkeypatch.setattr(tangents, "flow_with_tangents", watched(tangents.flow_with_tangents))
     monkeypatch.setattr(stepped_runs, "run_block", watched(stepped_runs.run_block))
     monkeypatch.setattr(sampling, "_block_of_samples", watched(sampling._block_of_samples))
     return seen
