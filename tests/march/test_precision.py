@@ -27,10 +27,10 @@ def computed(monkeypatch):
     seen = set()
 
     def watched(run):
-        def call(scenes, states, *args):
+        def call(scenes, states, *args, **options):
             numbers = jax.tree.leaves((scenes, states))
             seen.update(str(a.dtype) for a in numbers if jnp.issubdtype(a.dtype, jnp.floating))
-            return run(scenes, states, *args)
+            return run(scenes, states, *args, **options)
 
         return call
 
