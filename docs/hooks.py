@@ -1,15 +1,15 @@
-"""What the documentation is made of beside its pages: hooks of MkDocs.
+"""What the site has beside the pages of docs/, which read in the repository too: hooks of MkDocs.
 
-Notebooks, the changelog and pictures come from where they are kept; `{{ help sweep }}` becomes a command's own help,
-`{{ output check table1 }}` what a command prints, `{{ file NAME }}` a file, `{{ numbers SweepResult }}` a table of
-what a result holds, and `{{ verbs all }}` a table of the verbs by the questions in the heads of their pages.
+Notebooks, the changelog and pictures come from where they are kept, and links to these lead there. A line of a page
+that says that `jaxshroud sweep --help` lists the options becomes this list, and a line of a list that is a name of
+`jaxshroud` becomes its reference, of a result with a table of what it holds.
 """
 
 import io
+import posixpath
 import re
-import subprocess
-import sys
 from contextlib import redirect_stdout, suppress
+from importlib import import_module
 from pathlib import Path
 
 import nbformat
@@ -18,16 +18,19 @@ from nbconvert import MarkdownExporter
 from traitlets.config import Config
 
 ROOT = Path(__file__).parent.parent
-COPIED = {  # pictures that are kept elsewhere
-    "pictures/peers.png": "tests/benchmarks/results/peers.png",
-    "pictures/peers_light.png": "tests/benchmarks/results/peers_light.png",
-    "pictures/order.png": "tests/benchmarks/results/order.png",
-    "pictures/reading.png": "tests/studies/reading.png",
+ELSEWHERE = {  # what is kept outside docs/ -> its place in the site
+    "tests/benchmarks/results/peers.png": "pictures/peers.png",
+    "tests/benchmarks/results/peers_light.png": "pictures/peers_light.png",
+    "tests/benchmarks/results/order.png": "pictures/order.png",
+    "tests/studies/reading.png": "pictures/reading.png",
+    "CHANGELOG.md": "changelog.md",
+    "tests/studies/README.md": "studies.md",
+    **{f"notebooks/{path.name}": f"notebooks/{path.stem}.md" for path in (ROOT / "notebooks").glob("*.ipynb")},
 }
-PAGES = {"changelog.md": "CHANGELOG.md", "studies.md": "tests/studies/README.md"}
-LINK = re.compile(r"\[([^]]+)\]\((?!https?:)[^)]+\)")  # to a file that the site does not have
+LINK = re.compile(r"\[([^]]+)\]\((?!https?:|#)([^)#\s]+)([^)\s]*)\)")
 OUTWARDS = re.compile(r"(?<=\])\(\.\./[^)]+\)")  # from a notebook to the repository
-ASKED = re.compile(r"\{\{ (help|output|file|numbers|verbs) ([^}]+) \}\}")
+HELP = re.compile(r"^`jaxshroud (\w+) --help` lists them\.$", re.MULTILINE)
+LISTED = re.compile(r"^- `(jaxshroud[\w.]+)`$", re.MULTILINE)
 SHOWN = ["image/png", "text/markdown", "text/plain"]  # of a cell's output the first that there is
 
 
@@ -45,13 +48,14 @@ def on_config(config):
 
 def on_files(files: Files, config) -> Files:
     """Add the pages and pictures that are kept elsewhere."""
-    for place, source in COPIED.items():
-        files.append(File.generated(config, place, content=(ROOT / source).read_bytes()))
-    for place, source in PAGES.items():
-        files.append(File.generated(config, place, content=LINK.sub(r"\1", (ROOT / source).read_text("utf-8"))))
-    for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
-        for name, content in rendered(path).items():
-            files.append(File.generated(config, f"notebooks/{name}", content=content))
+    for source, place in ELSEWHERE.items():
+        path = ROOT / source
+        if path.suffix == ".ipynb":
+            for name, content in rendered(path).items():
+                files.append(File.generated(config, f"notebooks/{name}", content=content))
+        else:
+            content = LINK.sub(r"\1", path.read_text("utf-8")) if path.suffix == ".md" else path.read_bytes()
+            files.append(File.generated(config, place, content=content))
     return files
 
 
@@ -65,39 +69,31 @@ def rendered(path: Path) -> dict[str, str | bytes]:
     return {f"{path.stem}.md": f"{OUTWARDS.sub('', body)}\n{kept}", **pictures}
 
 
-def on_page_markdown(markdown: str, **_) -> str:
-    """Put in what commands say, and what results hold."""
+def on_page_markdown(markdown: str, page, **_) -> str:
+    """Put in what commands say, the reference and what results hold, and lead links to places in the site."""
+    folder = posixpath.dirname(page.file.src_uri)
 
-    def put(found: re.Match[str]) -> str:
-        if found[1] == "numbers":
-            return numbers(found[2])
-        if found[1] == "verbs":
-            return verbs_by_question()
-        return f"```text\n{said(found[1], found[2]).rstrip()}\n```"
+    def lead(found: re.Match[str]) -> str:
+        source = posixpath.normpath(posixpath.join("docs", folder, found[2]))
+        if source.startswith("docs/"):
+            return found[0]
+        if source not in ELSEWHERE:
+            return found[1]
+        return f"[{found[1]}]({posixpath.relpath(ELSEWHERE[source], folder or '.')}{found[3]})"
 
-    return ASKED.sub(put, markdown)
-
-
-def verbs_by_question() -> str:
-    """Every question with the verbs that answer it, in the order of the commands."""
-    from jaxshroud.cli.command_table import COMMANDS
-
-    verbs: dict[str, list[str]] = {}
-    for name in COMMANDS:
-        question = re.search(r"^question: (.+)$", (ROOT / "docs" / "verbs" / f"{name}.md").read_text("utf-8"), re.M)
-        assert question, f"docs/verbs/{name}.md has no question in its head"
-        verbs.setdefault(question[1], []).append(f"[{name}]({name}.md)")
-    rows = (f"| {question} | {', '.join(links)} |" for question, links in verbs.items())
-    return "\n".join(["| question | verb |", "|---|---|", *rows])
+    markdown = LINK.sub(lead, markdown)
+    markdown = HELP.sub(lambda found: f"```text\n{help_of(found[1])}```", markdown)
+    return LISTED.sub(lambda found: f"\n::: {found[1]}\n\n{numbers(found[1])}", markdown)
 
 
 def numbers(name: str) -> str:
-    """The numbers of a class of results: dimensions after those of the lanes, unit, what they are."""
-    import jaxshroud as js
+    """The numbers of a class of results: dimensions after those of the lanes, unit, what they are; else empty."""
     from jaxshroud.io.variable import MOTION, Attribute, CountsVariable, MotionVariable
 
+    module, _, name = name.rpartition(".")
+    variables = getattr(getattr(import_module(module), name), "variables", {})
     rows = ["| number | dimensions | unit | |", "|---|---|---|---|"]
-    for key, number in getattr(js, name).variables.items():
+    for key, number in variables.items():
         dims, about = ", ".join(number.dims), number.attributes
         if isinstance(number, MotionVariable):
             fields = [(f"{key}.{field}", f"{dims}, blade".strip(", "), *MOTION[field]) for field in MOTION]
@@ -108,19 +104,14 @@ def numbers(name: str) -> str:
         else:
             fields = [(key, dims, about.get("units", ""), about.get("long_name", ""))]
         rows += [f"| `{field}` | {dims} | {unit} | {words} |" for field, dims, unit, words in fields]
-    return "\n".join(rows)
+    return "\n".join(rows) if len(rows) > 2 else ""
 
 
-def said(what: str, words: str) -> str:
-    """A command's help, what it prints, or a file."""
-    if what == "file":
-        return (ROOT / words).read_text("utf-8")
-    if what == "output":
-        command = [sys.executable, "-m", "jaxshroud", *words.split()]
-        return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+def help_of(command: str) -> str:
+    """A command's help."""
     from jaxshroud.cli.commands import parser
 
     printed = io.StringIO()
     with redirect_stdout(printed), suppress(SystemExit):
-        parser().parse_args([words, "--help"])
+        parser().parse_args([command, "--help"])
     return printed.getvalue()

@@ -73,6 +73,10 @@ COMMANDS = {
         ],
         "tuned/tune.png",
     ),
+    "tune_gap.png": (
+        ["tune engine_order --over shroud.gap=0um:200um --of x_peak --scan 16 --updates 0 --out tuned"],
+        "tuned/tune.png",
+    ),
     "robust.png": (
         [
             f"tune {SCENE} --over shroud.gap=5um:100um --over contact.gamma=0.5:6 --range drive.F_0=40,60 "
@@ -220,9 +224,9 @@ def fit(path: Path) -> None:
 
 
 def engineer_scene() -> str:
-    """The scene that a page shows as a file of one's own."""
+    """The second scene that a page shows."""
     page = (Path(__file__).parent / "engineer.md").read_text("utf-8")
-    return page.partition("```toml\n")[2].partition("```")[0]
+    return page.split("```toml\n")[2].partition("```")[0]
 
 
 def drawn(commands: list[str], last: str, to: Path) -> None:

@@ -27,7 +27,7 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 
 # Types are checked where this asks for it, as that is a third of the time of tracing.
 CHECKED = os.environ.get("JAXSHROUD_CHECK_TYPES") == "1"
-FOLDERS = ("scene", "model", "march", "batch", "signals", "orbits", "fitting", "verbs")
+FOLDERS = ("scene", "model", "linear", "march", "batch", "signals", "orbits", "fitting", "verbs")
 COMPUTING = [f"jaxshroud.{folder}" for folder in FOLDERS]
 with install_import_hook(COMPUTING, "beartype.beartype") if CHECKED else nullcontext():
     import jaxshroud

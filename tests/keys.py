@@ -133,7 +133,7 @@ harmonics = 3            # of the orders 1 to 3, by least squares
 ```
 
 The path counts from the folder of the scene file. A last row may close the period with the loads of the first. The mean
-of the table becomes the mean load, and `check` tells what the harmonics leave out: the RMS of the rest over that of the
+of the table becomes the mean load, and `check` says what the harmonics leave out: the RMS of the rest over that of the
 table about its mean. Results hold the harmonics.
 
 | key | symbol | unit | range | per | default | example | |

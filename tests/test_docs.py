@@ -104,9 +104,12 @@ def test_every_verb_has_a_page_that_shows_it():
 
 
 def test_the_list_of_verbs_has_all_commands_and_names_those_without_a_verb_in_python():
-    heads = [(DOCS / "verbs" / f"{verb}.md").read_text("utf-8") for verb in COMMANDS]  # the hooks list these questions
-    assert all(re.match(r"---\nquestion: .+\?\n---\n", head) for head in heads)
     page = (DOCS / "verbs" / "index.md").read_text("utf-8")
+    verbs = {}
+    for verb in COMMANDS:
+        head = re.match(r"---\nquestion: (.+\?)\n---\n", (DOCS / "verbs" / f"{verb}.md").read_text("utf-8"))
+        verbs.setdefault(head[1], []).append(f"[{verb}]({verb}.md)")
+    assert "\n".join(f"| {question} | {', '.join(links)} |" for question, links in verbs.items()) in page
     (named,) = re.findall(r"command\s+line\s+alone\s+has(.*?), instead", page, re.DOTALL)
     assert set(re.findall(r"`(\w+)`", named)) == {name for name in COMMANDS if not hasattr(js, name)}
 
@@ -160,6 +163,45 @@ def test_scenes_of_a_page_load(path):
     for text in blocks(path, "toml"):
         if "[blades]" in text:
             assert parse(text, path.name).scene.drive.omega > 0
+
+
+def places_of(page):
+    """The places of a page that links may name, as GitHub makes them of heads."""
+    heads = re.findall(r"^#+ (.+)$", page.read_text("utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).strip().replace(" ", "-") for head in heads}
+
+
+OTHERS = [ROOT / name for name in ("CONTRIBUTING.md", "CHANGELOG.md", "HISTORY.md", "tests/studies/README.md")]
+
+
+@pytest.mark.parametrize("path", [*PAGES, *OTHERS], ids=lambda path: str(path.relative_to(ROOT)))
+def test_a_page_reads_in_the_repository(path):
+    text = path.read_text("utf-8")
+    assert not re.findall(r"^:::|^!!!|\{\{|\{ \.\w+ \}", text, re.MULTILINE)  # what only MkDocs knows
+    for link in re.findall(r"\]\((?!https?:)([^)\s]+)\)", text):
+        file, _, place = link.partition("#")
+        to = path.parent / file if file else path
+        assert to.exists(), link
+        assert not place or place in places_of(to), link
+
+
+def words_of(text):
+    """A text without the line breaks and blanks of a table."""
+    return " ".join(line for line in text.split("\n") if not line.startswith("compiled programs")).split()
+
+
+@pytest.mark.parametrize(
+    ("page", "command"), [("check", "check table1"), ("explain", "explain table1"), ("scenes", "scenes")]
+)
+def test_what_a_page_shows_is_what_the_command_prints(page, command, capsys):
+    assert cli.main(command.split()) == 0
+    shown = [words_of(block) for block in blocks(DOCS / "verbs" / f"{page}.md", "text")]
+    assert words_of(capsys.readouterr().out) in shown
+
+
+@pytest.mark.parametrize(("page", "file"), [("engineer", "configs/engine_order.toml"), ("wheel", "docs/wheel60.toml")])
+def test_a_page_shows_a_file_as_it_is(page, file):
+    assert (ROOT / file).read_text("utf-8").rstrip() in (DOCS / f"{page}.md").read_text("utf-8")
 
 
 class Links(HTMLParser):
@@ -231,5 +273,5 @@ def test_the_site_is_whole(site):
 
 def test_every_public_name_has_its_place_in_the_reference():
     pages = "".join(page.read_text("utf-8") for page in DOCS.rglob("*.md"))
-    told = set(re.findall(r"^::: jaxshroud\.(\w+)", pages, re.MULTILINE))
+    told = set(re.findall(r"^- `jaxshroud\.(\w+)`$", pages, re.MULTILINE))
     assert {name for name in js.__all__ if not name.startswith("_")} <= told

@@ -11,8 +11,8 @@ import jaxshroud
 
 ROOT = Path(jaxshroud.__file__).parent
 # A module imports from its own folder and from those before it.
-FOLDERS = ["", "cache", "scene", "model", "march", "batch", "signals", "orbits", "fitting", "io", "plotting", "results"]
-FOLDERS += ["verbs", "explorer", "cli"]
+FOLDERS = ["", "cache", "scene", "model", "linear", "march", "batch", "signals", "orbits", "fitting", "io"]
+FOLDERS += ["plotting", "results", "verbs", "explorer", "cli"]
 EDGES = ("io", "plotting", "results", "explorer", "cli", "scene")
 FOR_EDGES_ONLY = {
     "pydantic",

@@ -42,8 +42,7 @@ NOT_OF_PYTHON = {"String", "Number"}  # of the page's JavaScript
 
 def messages_of(tree: ast.Module) -> Iterator[str]:
     """The texts of a module that are no docstrings."""
-    heads = [n.body[0] for n in ast.walk(tree) if isinstance(n, ast.Module | ast.ClassDef | ast.FunctionDef) and n.body]
-    docs = {id(head.value) for head in heads if isinstance(head, ast.Expr)}
+    docs = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     texts = (n for n in ast.walk(tree) if isinstance(n, ast.Constant) and id(n) not in docs)
     yield from (n.value for n in texts if isinstance(n.value, str))
 

@@ -4,6 +4,9 @@ import ast
 import re
 from pathlib import Path
 
+import pytest
+from test_names import messages_of
+
 import jaxshroud
 
 ROOT = Path(jaxshroud.__file__).parents[1]
@@ -67,3 +70,40 @@ def test_walks_name_files_and_are_short():
         missing = [f for f in files if not (ROOT / "jaxshroud" / f).exists() and not (ROOT / f).exists()]
         assert not missing
     assert len(walks) == 3
+
+
+NOT_SAID = {  # by messages and pages -> plain English
+    r"\btells?\b(?! apart)": "says, gives, shows",
+    r"(?<!cannot be )\btold\b(?! apart)": "given, shown",
+    r"\bbut for\b": "except for",
+    r"\basked for\b": "requested",
+    r"\bone's own\b": "your own",
+    r"\bwhat to take\b": "which one to take",
+    r"\bnobody knows\b": "it is not known",
+    r"\bnever what was meant\b": "not what was meant",
+    r"\bnot (?:un|in)\w+ without\b": "one negation",
+}
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+def found_in(text: str) -> dict[str, list[str]]:
+    """What is in a text that is not said, and what is said instead."""
+    words = {instead: re.findall(rf".*?{pattern}.*", text) for pattern, instead in NOT_SAID.items()}
+    return {instead: lines for instead, lines in words.items() if lines}
+
+
+def test_what_is_not_said_is_found():
+    assert set(found_in("it tells all\nbut for one's own")) == {"says, gives, shows", "except for", "your own"}
+    assert not found_in("colours that are told apart; 70 cannot be told")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_pages_are_in_plain_english(page):
+    prose = re.sub(r"^```.*?^```", "", page.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE)
+    assert not found_in(prose)
+
+
+def test_messages_are_in_plain_english():
+    for path in (ROOT / "jaxshroud").rglob("*.py"):
+        messages = [text for text in messages_of(ast.parse(path.read_text("utf-8"))) if " " in text]
+        assert not found_in("\n".join(messages)), path

@@ -76,15 +76,11 @@ def differentiable(each: EachLane) -> EachLane:
 def _dual_rule(each: EachLane, f: Any, values: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
     along = tuple(None if isinstance(t, SymbolicZero) or t.dtype == jax.dtypes.float0 else t for t in tangents)
     dual = Dual(values, along)
-
-    def both(dual: Dual) -> Dual:
-        return with_tangent(f, dual)
-
     if len(jax.tree.leaves(dual)) <= DUAL_NUMBERS:
-        value, tangent = each(both, dual)
+        value, tangent = each(partial(with_tangent, f), dual)
     else:
         value = each(f, values)
-        tangent = each(lambda dual: both(dual).tangent, dual)
+        tangent = each(lambda dual: with_tangent(f, dual).tangent, dual)
 
     def none(v, t):
         return zero_from_primal(v, symbolic_zeros=True) if t is None else t

@@ -6,13 +6,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.held_contact import LinearState
-from jaxshroud.batch.linear_motion import LinearMotion
-from jaxshroud.batch.linear_sector import settled_linear_motions
 from jaxshroud.batch.march_protocol import March
 from jaxshroud.batch.periods import Sample
 from jaxshroud.batch.plan import Plan, Runs, Tick, run_log
 from jaxshroud.batch.states import states_apart
+from jaxshroud.linear.held_contact import LinearState
+from jaxshroud.linear.linear_motion import LinearMotion
+from jaxshroud.linear.linear_sector import settled_linear_motions
 from jaxshroud.march.accumulator import ContactPeaks, ContactTimes, Counters, DisplacementRange, Impacts, StepExtrema
 from jaxshroud.march.method import Choices
 from jaxshroud.model.arithmetic import ANGLE_RANGE

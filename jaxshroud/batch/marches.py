@@ -5,7 +5,6 @@ from operator import attrgetter
 from jaxshroud.batch.blocks import PAIR_KERNELS
 from jaxshroud.batch.closed_form import closed_form_runs, free_trajectories, no_steps, no_trial
 from jaxshroud.batch.flows import PAIR_FLOWS
-from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.batch.linear_runs import settled_runs
 from jaxshroud.batch.march_protocol import March
 from jaxshroud.batch.operation_count import size_of_pair_trial, size_of_row_trial
@@ -15,6 +14,7 @@ from jaxshroud.batch.pure_functions import PURE_PAIRS, PURE_ROWS
 from jaxshroud.batch.row_samples import motions_of_rows, sampled_rows
 from jaxshroud.batch.rows import ROW_FLOWS, ROW_KERNELS, balance_of_rows, begin_rows, row_sample
 from jaxshroud.batch.stepped_runs import stepped_runs, stepped_trajectories
+from jaxshroud.linear.held_contact import is_linear
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import POWER_SERIES, RUNGE_KUTTA, stepper_for
 from jaxshroud.model.prepared import law_type

@@ -53,8 +53,8 @@ def march(
 
 
 def repeated_trials(
-    once: Callable[[Tree], Tree],
-    lanes: Tree,
+    once: Callable[[Lane], Lane],
+    lanes: Lane,
     stops: Int[Array, " lanes"],
     several: bool,
     passes: Int[Array, ""] | None = None,
@@ -64,13 +64,13 @@ def repeated_trials(
 
 
 def march_steps(
-    lanes: Tree,
+    lanes: Lane,
     fixed: Any,
     steps: Int[Array, "..."],
     method: Choices,
     each: EachLane,
     most_trials: int | None = None,
-) -> tuple[Tree, Bool[Array, " lanes"]]:
+) -> tuple[Lane, Bool[Array, " lanes"]]:
     """The lanes after at most `steps` steps, and which of them have completed these; their clock is reset."""
     lanes = march(lanes, fixed, method, each, most_trials)
     arrived = lanes.step == steps
@@ -186,8 +186,8 @@ def first_passes(lanes: int, layout: Layout) -> int:
 
 def periods_within(
     limits: CallLimits,
-    run: Callable[[Tree, Int[Array, ""]], tuple[Tree, Int[Array, ""]]],
-    lanes: Tree,
+    run: Callable[[Lane, Int[Array, ""]], tuple[Lane, Int[Array, ""]]],
+    lanes: Lane,
     stop: Int[Array, " lanes"],
 ) -> tuple[Tree, Int[Array, ""]]:
     """Lanes after periods that end at step `stop`, by `run(lanes, passes)`, and how many of these have ended."""

@@ -14,7 +14,6 @@ import numpy as np
 
 from jaxshroud.activity import counted
 from jaxshroud.batch.duals import Dual
-from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.batch.marches import march_of, require_march
 from jaxshroud.batch.periods import lanes_per_call
 from jaxshroud.batch.plan import Plan, Runs, Tick, Ticker, both, completed_runs
@@ -23,6 +22,7 @@ from jaxshroud.batch.states import final_states, initial_states
 from jaxshroud.batch.stepped_runs import chunk_by_chunk, select_lanes
 from jaxshroud.batch.stretches import Trajectories
 from jaxshroud.batch.threads import Interrupted
+from jaxshroud.linear.held_contact import is_linear
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import Tableau, TaylorOptions
 from jaxshroud.model.modes import Status

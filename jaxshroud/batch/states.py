@@ -10,9 +10,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.equilibrium import ContactState
-from jaxshroud.batch.load_path import start_equilibria
 from jaxshroud.cache.programs import is_traced, kept
+from jaxshroud.linear.equilibrium import ContactState
+from jaxshroud.linear.load_path import start_equilibria
 from jaxshroud.march.event import GuardEvaluation, any_of, first_kind, present
 from jaxshroud.march.events import transition
 from jaxshroud.march.forces_and_energy import ContactForces, contact_forces, stacked_point_forces

@@ -73,16 +73,26 @@ def _run_in_calls(
     counts, lengths = jnp.int32(steps), None
     if turns is not None:
         counts, lengths = jnp.asarray(np.ceil(steps * turns), jnp.int32), jnp.asarray(turns, omega.dtype)
-    march, flat = march_of(scenes.value), np.asarray(method.flat_return, omega.dtype)
-    program, kernels = march.flows, march.kernels
+    march = march_of(scenes.value)
+    program = march.flows
+    flat = np.asarray(method.flat_return, omega.dtype)
     lanes, pace = program.begin(scenes, states, method), CallPace(first_passes(len(omega), layout))
     done, reported = 0, 0.0
     while done < n:
 
         def call(passes: np.int32, left: int = n - done, lanes: Dual = lanes) -> tuple[Dual, int]:
             limits = CallLimits(jnp.int32(left), jnp.asarray(passes))
-            constants = counts, flat, lengths, method, best_mapping(), kernels
-            end, ended = flow_with_tangents(scenes, lanes, limits, *constants)
+            end, ended = flow_with_tangents(
+                scenes,
+                lanes,
+                limits,
+                steps=counts,
+                flat_return=flat,
+                turns=lengths,
+                method=method,
+                each=best_mapping(),
+                kernels=march.kernels,
+            )
             return end, int(ended)
 
         lanes, ended = pace.timed(call, lambda result, left=n - done: result[1] < left)

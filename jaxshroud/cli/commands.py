@@ -17,7 +17,7 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 import jaxshroud
-from jaxshroud.cli.command_table import COMMANDS
+from jaxshroud.cli.command_table import COMMANDS, GROUPS
 from jaxshroud.cli.drawing import failed_pictures
 from jaxshroud.cli.option_table import SHARED_OPTIONS, Option
 from jaxshroud.cli.progress import CommandReport, lines_written, reported
@@ -70,20 +70,31 @@ def parser() -> OneLineParser:
     """The parser of all commands."""
     top = OneLineParser(
         prog="jaxshroud",
-        description="Rub-impact dynamics of two shrouded blades under bending-torsion coupling.",
+        description="How much do rubbing shrouds reduce the vibration of turbine blades, and which are best?",
+        epilog=f"{_groups_text()}\n\nOptions: jaxshroud VERB --help; pages: docs/verbs/VERB.md",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     top.add_argument("--version", action="version", version=__version__)
     subparsers = top.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=OneLineParser)
     for name, command in COMMANDS.items():
         subparser = subparsers.add_parser(
             name,
-            help=command.text,
             description=command.text,
             epilog=f"example:\n  {command.example}",
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         add_options(subparser, command.options)
     return top
+
+
+def _groups_text() -> str:
+    """The commands by the questions that they answer, with an example of each question."""
+    groups = []
+    for question, names in GROUPS.items():
+        lines = [f"  {name:<10}  {COMMANDS[name].text}" for name in names]
+        example = COMMANDS[names[0]].example.splitlines()[0]
+        groups.append("\n".join([question, *lines, f"  e.g. {example}"]))
+    return "\n\n".join(groups)
 
 
 def add_options(parser: argparse.ArgumentParser, options: Iterable[str | Option]) -> None:

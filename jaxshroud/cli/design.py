@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 import jaxshroud
-from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Plan, Progress
 from jaxshroud.batch.threads import cores
@@ -27,6 +26,7 @@ from jaxshroud.cli.terminal import (
 )
 from jaxshroud.io.files import write
 from jaxshroud.io.store import write_json
+from jaxshroud.linear.held_contact import is_linear
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.march.method_names import LARGEST_FIRST
 from jaxshroud.results.base import ORIGIN
@@ -128,7 +128,7 @@ def _tuning_rows(tuned: Tuned) -> dict[str, Any]:
         **{f"  {name}": _level_text(tuned, check.objective[0]) for name, check in tuned.checks.items()},
         **({"at a bound": tuned.at_bounds} if tuned.at_bounds else {}),
         **({"flat": tuned.flat} if tuned.flat else {}),
-        **({"static deflection": tuned.static_deflection} if tuned.static_deflection else {}),
+        **({"mean position": tuned.mean_shift} if tuned.mean_shift else {}),
         **_limit_rows(tuned),
         **_robustness_rows(tuned),
         "verdict": "confirmed" if tuned.confirmed else "not confirmed: the simulations differ, or exceed a limit",

@@ -99,7 +99,7 @@ def _gradient_rows(gradient: Gradient, with_slopes: bool) -> dict[str, Any]:
         **(slopes if with_slopes else {}),
         "flags": ", ".join(gradient.flags) or "none",
         **({"side": gradient.side} if gradient.side else {}),
-        **({"static deflection": gradient.static_deflection} if gradient.static_deflection else {}),
+        **({"mean position": gradient.mean_shift} if gradient.mean_shift else {}),
     }
     if gradient.kind != "periodic":
         return {**rows, "smoothing": f"{gradient.sigma:g} of each value"}

@@ -129,6 +129,9 @@ class Option(NamedTuple):
     def add_to(self, parser: argparse.ArgumentParser) -> None:
         """Let a parser take the option."""
         keywords = {key: value for key, value in self._asdict().items() if key != "name" and value is not None}
+        if isinstance(self.default, str | int | float) and "default" not in (self.help or ""):
+            default = self.default if isinstance(self.default, str) else f"{self.default:g}"
+            keywords["help"] = f"{self.help}; {default} by default"
         parser.add_argument(self.name, **keywords)
 
 
@@ -168,37 +171,82 @@ SHARED_OPTIONS = {
     for option in (
         # Scene and run.
         Option("scene", "a TOML file or the name of a shipped scene", metavar="SCENE"),
-        Option("--set", "override table.key=value", default=[], metavar="K=V", action="append"),
-        Option("--periods", "periods kept", count(1), metavar="N"),
-        Option("--transient", "periods discarded first", count(0), metavar="N"),
+        Option(
+            "--set",
+            "number of the scene, e.g. shroud.gap=20um",
+            default=[],
+            metavar="K=V",
+            action="append",
+        ),
+        Option("--periods", "drive periods that are kept", count(1), metavar="N"),
+        Option("--transient", "drive periods that are discarded first", count(0), metavar="N"),
         # Method of the march.
-        Option("--accuracy", "fast, balanced, reference or a number: chooses all below", accuracy, metavar="A"),
-        Option("--steps-per-period", 'integration steps per drive period, or "auto"', steps, metavar="N"),
-        Option("--tableau", "Runge-Kutta method, rk4 by default; or power series", choices=METHODS),
-        Option("--order", "order of the power series, with --tableau taylor", count(1), metavar="N"),
-        Option("--step-tolerance", "tolerance of the power series, with --tableau taylor", number, metavar="R"),
-        Option("--locate", "how events are located", choices=get_args(Locate)),
-        Option("--precision", "float64 by default", choices=get_args(Precision)),
-        Option("--linear", "contact that stays in this state: in closed form", choices=("apart", "stuck")),
+        Option(
+            "--accuracy",
+            "fast (1e-3), balanced (1e-6), reference (1e-10) or a number: the error after three periods; it chooses "
+            "the method and its steps; by default as the scene says, else balanced",
+            accuracy,
+            metavar="A",
+        ),
+        Option("--steps-per-period", 'integration steps in a drive period, or "auto"', steps, metavar="N"),
+        Option(
+            "--tableau",
+            "Runge-Kutta method, or taylor: power series; by default --accuracy chooses it, or rk4 if only steps are "
+            "given",
+            choices=METHODS,
+        ),
+        Option("--order", "order of the power series of --tableau taylor", count(1), metavar="N"),
+        Option("--step-tolerance", "relative tolerance of a step of --tableau taylor", number, metavar="R"),
+        Option("--locate", "how events are located; by default as suits the method", choices=get_args(Locate)),
+        Option("--precision", "of all numbers; float64 by default", choices=get_args(Precision)),
+        Option("--linear", "let contact stay in this state, and take the closed form", choices=("apart", "stuck")),
         Option("--forces", "keep contact forces, slip, wear and impacts", action="store_true"),
         Option("--amplitudes", "keep amplitudes of x, y and theta: mean, RMS and peak", action="store_true"),
         # Design and scatter.
-        Option("--over", "number and its bounds", default=[], metavar="K=LO:HI", action="append"),
-        Option("--range", "operating condition and its values", default=[], metavar="K=A,B,C", action="append"),
-        Option("--tolerance", "number and its half width", default=[], metavar="K=D", action="append"),
-        Option("--spread", "number and its half width in percent", default=[], metavar="K=P%", action="append"),
-        Option("--most-penetration", "limit, e.g. 0.2mm", metavar="LENGTH"),
-        Option("--most-force", "limit of the normal force, e.g. 500N", metavar="FORCE"),
-        Option("--of", "power or amplitude, of the left blade, or of a row", choices=QUANTITY_WORDS),
+        Option(
+            "--over",
+            "number and its bounds, e.g. shroud.gap=5um:60um",
+            default=[],
+            metavar="K=LO:HI",
+            action="append",
+        ),
+        Option(
+            "--range",
+            "operating condition, e.g. drive.F_0=20,40",
+            default=[],
+            metavar="K=A,B,C",
+            action="append",
+        ),
+        Option(
+            "--tolerance",
+            "number and its half width, e.g. shroud.gap=10um",
+            default=[],
+            metavar="K=D",
+            action="append",
+        ),
+        Option(
+            "--spread",
+            "number and its half width, e.g. drive.F_0=20%%",
+            default=[],
+            metavar="K=P%",
+            action="append",
+        ),
+        Option("--most-penetration", "largest penetration that is allowed, e.g. 0.2mm", metavar="LENGTH"),
+        Option("--most-force", "largest normal force that is allowed, e.g. 500N", metavar="FORCE"),
+        Option(
+            "--of",
+            "reduction of power, power or amplitude; by default P_d, of preloaded scenes P_d_vibration",
+            choices=QUANTITY_WORDS,
+        ),
         Option("--at-least", "P_d [%%] whose probability is computed", number, metavar="P_d"),
         # Random numbers, and counts.
-        Option("--samples", "rows of draws of the scatter", count(2), metavar="N"),
+        Option("--samples", "draws of the numbers that scatter", count(2), metavar="N"),
         Option("--starts", "random starts", count(1), metavar="N"),
         Option("--seed", "seed of the random numbers", count(0, MAX_SEED), 0, metavar="N"),
         Option("--most-periods", "periods after which a motion counts as aperiodic", count(64), metavar="N"),
         # Results.
-        Option("--title", metavar="TEXT"),
-        Option("--out", None, path, metavar="DIR", required=True),
+        Option("--title", "title of the picture", metavar="TEXT"),
+        Option("--out", "folder of the results, made if it is not there", path, metavar="DIR", required=True),
         Option("--force", "replace existing results", action="store_true"),
     )
 }

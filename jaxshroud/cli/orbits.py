@@ -97,9 +97,9 @@ def _output_response(completed: CompletedCall) -> None:
     write_files(completed)
     result: Response = completed.result
     unit = result.data["peak_amplitude"].attrs["units"]
-    shift, ratio = "shift from free peak", "over free peak"
+    shift, ratio = "shift from the free peak", "amplitude / free peak"
     in_row = result.peak_blades is not None
-    heads = (result.along, f"{result.of} [{unit}]", "period", "stable", "half width over value", shift, ratio)
+    heads = (result.along, f"{result.of} [{unit}]", "period", "stable", "half width / value", shift, ratio)
     heads += ("largest blade",) if in_row else ()
     rows = [
         (
@@ -266,18 +266,24 @@ def _output_attractors(completed: CompletedCall) -> None:
     attractors: Attractors = completed.result
     summary = {**attractors.summary(), "seconds": completed.seconds}
     write_files(completed, summary)
-    heads = ("attractor", "share (95 %)", "P_d [%] +- points", "distance")
+    heads = (
+        "motion",
+        "share of starts (95 %)",
+        "P_d [%]",
+        "distance to the nearest other motion, in sizes of the motion",
+    )
     rows = [
         (
             name,
             between(attractors.share[i], attractors.share_low[i], attractors.share_high[i]),
             with_interval(attractors.P_d[i], attractors.P_d_ci[i]),
-            f"{attractors.distance[i]:.3g}",
+            f"{attractors.distance[i]:.3g}" if np.isfinite(attractors.distance[i]) else "no other",
         )
         for i, name in enumerate(attractors.names)
     ]
     print_columns("", heads, rows)
-    print_result(completed, {name: summary[name] for name in IN_ATTRACTORS_TABLE})
+    rows = {name: summary[name] for name in IN_ATTRACTORS_TABLE}
+    print_result(completed, {**rows, "worst": attractors.worst_text})
 
 
 orbit_command = Computation(usual=FOR_P_D)

@@ -9,7 +9,6 @@ from time import perf_counter, process_time
 import jax
 import numpy as np
 
-from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.batch.limits import results_size, sweep_memory
 from jaxshroud.batch.periods import lanes_per_call
 from jaxshroud.batch.plan import Plan, Progress, Ticker
@@ -17,6 +16,7 @@ from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.threads import cores
 from jaxshroud.cli.progress import progress_bar
+from jaxshroud.linear.held_contact import is_linear
 from jaxshroud.scene.layout import PAIR, Direction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.valid import in_precision
@@ -29,7 +29,7 @@ LONG_RUN_STEPS = 10**9  # steps of all lanes together, which take minutes
 LONG_ROW_STEPS = 2 * 10**8  # of single blades of rows, which take a minute
 EVENT_STEPS = 10**4  # of a row for the events of each of its blades in a period where blocks turn, and faces chatter
 LANES_PER_LONE_LANE = 16  # a lane that runs alone takes as long as this many lanes of a chunk
-GIB = 2**30  # bytes
+MIB, GIB = 2**20, 2**30  # bytes
 DURATIONS = (("days", 86400.0), ("h", 3600.0), ("min", 60.0), ("s", 1.0))  # units with their seconds
 LEAST_UNITS = 1.7  # of the largest unit in which a time is told
 
@@ -118,14 +118,15 @@ def print_projection(
         blades: Blades of each lane.
     """
     free = f"{cores()} free core{'s' * (cores() > 1)}"
-    wall_text = "" if wall is None else f", about {duration(wall)} on {free}"
-    memory = sweep_memory(lanes, kept, lanes_held, blades) / GIB
-    size = results_size(lanes, kept, samples=samples, blades=blades) / GIB
-    print(
-        f"{lanes} lanes: about {duration(cpu)} of processor time{wall_text}, {memory:.3g} GiB of memory, "
-        f"{size:.3g} GiB of results{place}",
-        file=sys.stderr,
-    )
+    time = f"{duration(cpu)} of processor time" if wall is None else f"{duration(wall)} on {free}"
+    memory = size_text(sweep_memory(lanes, kept, lanes_held, blades))
+    size = size_text(results_size(lanes, kept, samples=samples, blades=blades))
+    print(f"{lanes} runs: about {time}, {memory} of memory, {size} of results{place}", file=sys.stderr)
+
+
+def size_text(size: float) -> str:
+    """A size in bytes, in words."""
+    return f"{size / MIB:.0f} MiB" if size < GIB else f"{size / GIB:.3g} GiB"
 
 
 def print_projection_of_long_run(

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from contextlib import contextmanager
 from typing import Unpack
 
-from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.cli.progress import progress_bar
 from jaxshroud.cli.terminal import CommandError, input_errors_at
 from jaxshroud.io.lane_status import AccuracyWarning
+from jaxshroud.linear.held_contact import is_linear
 from jaxshroud.march.method import Choices, Method, RungeKutta, Taylor
 from jaxshroud.march.stability import step_report, stiffest
 from jaxshroud.scene.config import load
@@ -78,9 +78,10 @@ def resolve_march(
 def _print_settling(file: SceneFile, scenes: Scene) -> None:
     """Say how long light damping takes, where the transient is shorter."""
     needed = settling_periods(without_given(scenes))
-    advice = settling_advice(needed, scenes.parts.contact != "none")
+    discarded = f", {file.run.transient} are discarded"
+    advice = settling_advice(needed, scenes.parts.contact != "none", discarded)
     if advice and needed > file.run.transient:
-        print(f"{file.name}: {file.run.transient} periods are discarded; {advice}", file=sys.stderr)
+        print(f"{file.name}: {advice}", file=sys.stderr)
 
 
 def may_be_in_closed_form(scenes: Scene, asked: Asked, options: argparse.Namespace) -> bool:

@@ -110,7 +110,7 @@ def _output_power(completed: CompletedCall) -> None:
         "P_d": with_interval(final["P_d"], final["ci"], "%"),
         **({"P_d of the worst blade": f"{final['P_d_worst']:.4g} %"} if "P_d_worst" in final else {}),
         **of_vibration,
-        **({"static deflection": completed.result.static_deflection} if completed.result.static_deflection else {}),
+        **({"mean position": completed.result.mean_shift} if completed.result.mean_shift else {}),
         "periods": final["n"],
         "stable": final["stable"],
         "period number": final["period_number"] or "aperiodic",

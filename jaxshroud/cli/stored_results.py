@@ -24,7 +24,7 @@ FILES_IN_FOLDERS = (
 )
 # The entries that only JSON of that kind has.
 POWER_ENTRIES, TUNING = {"n", "P_d", "P_d_ci", "final"}, {"over", "points", "scores", "map"}
-TRADE, GRADIENT, SUMMARY = {"settings", "horizon"}, {"of", "kind", "level"}, {"lanes", "period numbers"}
+TRADE, GRADIENT, SUMMARY = {"settings", "horizon"}, {"of", "kind", "level"}, {"runs", "motions"}
 
 
 def plot_command(options: argparse.Namespace) -> None:
@@ -52,8 +52,8 @@ def _result_in(source: Path) -> Path:
     for name in reversed(FILES_IN_FOLDERS):  # a branch has its sweep
         if (source / name).exists():
             return source / name
-    kinds = " nor ".join((FILES_IN_FOLDERS[0], ", ".join(FILES_IN_FOLDERS[1:])))
-    raise CommandError(f"{source}: holds neither {kinds}; give a result of jaxshroud")
+    state = "holds no result of jaxshroud" if any(source.iterdir()) else "is empty"
+    raise CommandError(f"{source} {state}; was the run interrupted?")
 
 
 def _appearance(options: argparse.Namespace) -> dict[str, Any]:

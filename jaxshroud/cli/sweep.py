@@ -50,6 +50,11 @@ from jaxshroud.verbs.asked import MarchPlan
 from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE, sweep
 
 BARE_AMPLITUDES = ("largest amplitude of x [m]", "largest amplitude of y [m]", "largest amplitude of theta [rad]")
+DOUBTED = {  # of runs that a result marks, by the names of the marks
+    "inaccurate": "may miss the accuracy over three periods (marked in {}): statistics of chaos bear it, single values "
+    "do not",
+    "unconfirmed": "settle elsewhere by a finer march (marked in {})",
+}
 RESUME_ADVICE = "; the same command with --resume goes on"
 MOST_IN_FILE = 2**30  # bytes of results that are held in memory, and written at the end as one file
 
@@ -99,11 +104,13 @@ def sweep_command(options: argparse.Namespace) -> None:
     _write(request, result)
     summary = _summary(request, result)
     if result.accuracy is not None:
-        summary |= {"accuracy": result.accuracy}
-    if result.inaccurate is not None:
-        summary |= {"inaccurate": int(result.inaccurate.sum())}
-    if result.unconfirmed is not None:
-        summary |= {"unconfirmed": int(result.unconfirmed.sum())}
+        summary |= {"accuracy": result.accuracy.removeprefix("accuracy ")}
+    store = "sweep.nc" if request.store is None else request.store.name
+    for name, do in DOUBTED.items():
+        lanes = getattr(result, name)
+        if lanes is not None:
+            words = f"{lanes.sum()} of {lanes.size} runs {do.format(store)}"
+            summary |= {name: {"runs": int(lanes.sum()), "words": words}}
     write_json(summary, options.out / "summary.json")
     warn_status(result.status, result.chatter)
     for line in passed_sides(result):
@@ -294,9 +301,9 @@ def _jump_places(result: SweepResult) -> dict[str, str]:
 
 
 def _in_words(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """A summary as it is printed: amplitudes in words, and not as bare numbers in SI units as well."""
+    """A summary as it is printed: what has words by these, and amplitudes not in SI units as well."""
     words = {name: value["words"] for name, value in summary.items() if isinstance(value, dict) and "words" in value}
-    return {name: value for name, value in summary.items() if not (words and name in BARE_AMPLITUDES)} | words
+    return {name: value for name, value in summary.items() if name not in BARE_AMPLITUDES} | words
 
 
 def _best_row(summary: Mapping[str, Any]) -> dict[str, str]:

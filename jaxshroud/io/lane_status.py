@@ -19,7 +19,7 @@ MESSAGES = {
     Status.OUT_OF_TRIALS: "more trial steps than `most_trials` were needed; give a larger bound, see `js.most_trials`",
     Status.UNBALANCED: "the energy of a drive period does not balance: the step is too long for what contact does; "
     'take more steps_per_period, or "auto"',
-    Status.NOT_LINEAR: "contact leaves the state that was asked for; see the margins that `check` tells, or march it",
+    Status.NOT_LINEAR: "contact leaves the state that was requested; see the margins in `check`, or march it",
     Status.BAD_INPUT: "a number of the scene is out of its range, or one of the start is not finite; see docs/keys.md",
 }
 OF_PURE_FUNCTIONS = (Status.OUT_OF_TRIALS, Status.BAD_INPUT)  # which write no files

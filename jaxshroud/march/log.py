@@ -225,7 +225,9 @@ def _updated_row_log(log: Log, trial: AcceptedTrial, model: RowModel, method: Ch
         at_once = _updated_each(log, contact, [one for one in alone if one.per == "interface"], each)
         left = [one for one in alone if model.is_pair and one.per == "left blade"]
         at_once |= {one.name: one.update(value_in(log, one.name), _at(0, blades)) for one in left}
-        at_once |= _updated_each(log, blades, [one for one in alone if one.per != "interface" and one not in left], each)
+        at_once |= _updated_each(
+            log, blades, [one for one in alone if one.per != "interface" and one not in left], each
+        )
     values = at_once | trial.events
     if takers_of_one("interface", method):
         start, end = pair_states(trial.start, model), both_sides(end, model.closed)

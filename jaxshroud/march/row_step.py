@@ -43,7 +43,12 @@ class RowStepEnd(NamedTuple):
 
 
 def row_step(
-    interval: TrialInterval, start: State, cluster: Cluster | FlatPair | None, model: RowModel, method: Choices, each: Each
+    interval: TrialInterval,
+    start: State,
+    cluster: Cluster | FlatPair | None,
+    model: RowModel,
+    method: Choices,
+    each: Each,
 ) -> RowStepEnd:
     """One step from `start`, over the `interval` of each lane.
 

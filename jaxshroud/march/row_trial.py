@@ -242,9 +242,7 @@ def _after_trial(
     """The rows after a trial that ended at `end`; its `search` has the length that it took."""
     model, grid, stop = fixed.model, fixed.grid, fixed.stop
     decision = verdict.decision
-    repeated = decision.search._replace(
-        done=lane.search.done, pending=lane.search.pending, turns=lane.search.turns
-    )
+    repeated = decision.search._replace(done=lane.search.done, pending=lane.search.pending, turns=lane.search.turns)
     active = running(lane, stop)
     accept = decision.accept | (verdict.not_finite & active)
     change = _change_of_row(lane, end, verdict, fixed, method, each)

@@ -14,6 +14,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxshroud.cache.programs import kept
+from jaxshroud.linear.natural_modes import contact_gradients
 from jaxshroud.march.method import StepCount
 from jaxshroud.march.tableau import MIN_STEPS, RK4, Tableau, TaylorOptions
 from jaxshroud.model.arithmetic import Scalar, filled
@@ -21,7 +22,6 @@ from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.coupling import coupling_bounds, couplings_of_pairs
 from jaxshroud.model.geometry import corners
 from jaxshroud.model.linear import free_reach, steady_amplitudes
-from jaxshroud.model.natural_modes import contact_gradients
 from jaxshroud.model.prepared import prepared_law
 from jaxshroud.model.row import pair_at
 from jaxshroud.scene.checks import MAX_AUTO_STEPS, InputError, StepTooLongError, count_argument

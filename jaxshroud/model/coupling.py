@@ -1,7 +1,7 @@
 """Forces between blades that do not touch: of springs and dampers between neighbours, and of the flow.
 
 Numbers are those of one interface, of a pair for instance, or arrays for all of a row; what a scene does not have is
-absent. Both are linear: `coupling_matrices` has them as matrices.
+absent. Both are linear: `linear_system.coupling_matrix` has them as matrices.
 """
 
 from typing import Any, NamedTuple
@@ -169,44 +169,6 @@ def _along_chain(a: Any, shift: int) -> Any:
     return jnp.concatenate([none, a[:-1]]) if shift > 0 else jnp.concatenate([a[1:], none])
 
 
-class CouplingMatrices(NamedTuple):
-    """The stiffness and the damping between blades as matrices over all blades, and all coordinates: (3, N, N)."""
-
-    stiffness: Any  # [N/m], of theta [N m/rad]
-    damping: Any
-
-
-def coupling_matrices(scene: Scene) -> CouplingMatrices:
-    """The forces between the blades of a scene as matrices, along x, y and theta."""
-    layout, springs, aero = scene.layout, neighbour_springs(scene), aero_matrices(scene)
-    count, like = layout.blades, scene.drive.omega
-    left = jnp.arange(layout.interfaces)
-    right = (left + 1) % count
-    none = jnp.zeros((count, count), like.dtype)
-
-    def between(k: Any) -> Any:
-        if is_zero(k):
-            return none
-        k = jnp.broadcast_to(k, (layout.interfaces,))
-        own = none.at[left, left].add(k).at[right, right].add(k)
-        return own.at[left, right].add(-k).at[right, left].add(-k)
-
-    def of_springs(kind):
-        return [ZERO if springs is None else getattr(springs, f"{kind}_{s}") for s in SUFFIXES.values()]
-
-    stiffness, damping = (jnp.stack([between(a) for a in of_springs(kind)]) for kind in "kc")
-    if aero is None:
-        return CouplingMatrices(stiffness, damping)
-    after = none.at[left, right].add(1.0)  # the next blade of each
-    shifts = jnp.eye(count, dtype=like.dtype), after, after.T
-    of_flow = [(force, shift) for force, shift in zip(aero, shifts, strict=True) if force is not None]
-
-    def along_x(part):
-        return summed(getattr(force, part) * shift for force, shift in of_flow)
-
-    return CouplingMatrices(stiffness.at[0].add(along_x("k")), damping.at[0].add(along_x("c")))
-
-
 class CouplingBounds(NamedTuple):
     """Bounds of what a pair's coupling adds, over x, y and theta of both blades: (6, 6) and (6,)."""
 
@@ -241,37 +203,3 @@ def couplings_of_pairs(row: Scene) -> tuple[Coupling, Aero]:
     E = row.layout.interfaces
     twice = jax.tree.map(lambda k: 2 * jnp.broadcast_to(k, (E,)), row.coupling)
     return twice, jax.tree.map(lambda a: jnp.broadcast_to(a, (E,)), row.aero)
-
-
-def coupled_damping(scene: Scene) -> Any:
-    """The damping between the blades of a scene over all coordinates, (3 N, 3 N)."""
-    return over_coordinates(coupling_matrices(scene).damping)
-
-
-def over_coordinates(each: Any) -> Any:
-    """Matrices between blades along x, y and theta, (3, N, N), as one over all coordinates, (3 N, 3 N)."""
-    count = each.shape[-1]
-    return jnp.einsum("aij,ab->aibj", each, jnp.eye(3, dtype=each.dtype)).reshape(3 * count, 3 * count)
-
-
-def static_coupling(scene: Scene, j: Any) -> tuple[Any, Any]:
-    """The stiffness at interface `j` of the springs between its blocks, and of the flow: (6, 6) each.
-
-    Coordinates are x, y and theta of both blocks. The flow on a blade by its own motion is at the interface right of
-    it; on the last one of a chain at its only one.
-    """
-    layout, springs, aero = scene.layout, neighbour_springs(scene), aero_matrices(scene)
-
-    def at(a):
-        return jnp.broadcast_to(a, (layout.interfaces,))[j]
-
-    k = [
-        0.0 * scene.drive.omega if springs is None or is_zero(a := getattr(springs, f"k_{s}")) else at(a) for s in "xyT"
-    ]
-    opposed = jnp.array([[1.0, -1.0], [-1.0, 1.0]], scene.drive.omega.dtype)
-    K = jnp.kron(jnp.diag(jnp.stack(k)), opposed)
-    if aero is None:
-        return K, 0.0 * K
-    own, after, before = (0.0 * scene.drive.omega if force is None else force.k for force in aero)
-    last = jnp.where(jnp.asarray(not layout.closed) & (j == layout.interfaces - 1), own, 0.0)
-    return K, jnp.zeros_like(K).at[:2, :2].set(jnp.stack([jnp.stack([own, after]), jnp.stack([before, last])]))

@@ -10,14 +10,12 @@ from jax import lax
 from jaxtyping import Array, Complex, Float
 
 from jaxshroud.model.arithmetic import Scalar, sincos_turns, sine_versine, summed
-from jaxshroud.model.blade import inverse_of, matrix_rows, times_vector
 from jaxshroud.model.drive import multiple_angle
 from jaxshroud.model.geometry import gyration
-from jaxshroud.model.linear_systems import coupled_response
+from jaxshroud.model.linear_system import coupled_response
 from jaxshroud.scene.drive import AnyLoad
 from jaxshroud.scene.fields import PerBlade
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene, Shroud
 from jaxshroud.scene.typed import typed
 
@@ -79,29 +77,10 @@ def means_from_static(scene: Scene, means: Any) -> Any:
 
 def _response_to(scene: Scene, order: int, load: AnyLoad) -> Amplitudes:
     """The steady response of the free blades to one harmonic."""
-    if scene.is_coupled:
-        return Amplitudes._make(coupled_response(scene, scene.drive.frequency(order), load))
-    response = _steady_response if scene.blade_matrices is None else _elastic_response
-    return response(scene, scene.drive.frequency(order), load)
-
-
-def _elastic_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Amplitudes:
-    """The response of the shrouds of elastic blades."""
-    assert scene.blade_matrices is not None
-    mass, damping, stiffness, shroud = map(matrix_rows, scene.blade_matrices)
-    size = range(len(mass))
-    dynamic = [
-        [lax.complex(stiffness[i][j] - mass[i][j] * omega**2, damping[i][j] * omega) for j in size] for i in size
-    ]
-    rows = [[lax.complex(a, jnp.zeros_like(a)) for a in row] for row in shroud]
-    moving = [float(scene.parts.has(name, 0)) for name in COORDINATES]
-    loads = [
-        lax.complex(*(part * moves for part in drive.parts(name)[:2]))
-        for name, moves in zip(COORDINATES, moving, strict=True)
-    ]
-    forces = times_vector([[row[j] for row in rows] for j in size], loads)
-    found = times_vector(rows, times_vector(inverse_of(dynamic), forces))
-    return Amplitudes._make(a * moves for a, moves in zip(found, moving, strict=True))
+    omega = scene.drive.frequency(order)
+    if scene.is_coupled or scene.blade_matrices is not None:
+        return Amplitudes._make(coupled_response(scene, omega, load))
+    return _steady_response(scene, omega, load)
 
 
 def _steady_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Amplitudes:
@@ -123,11 +102,7 @@ def _steady_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Amplitudes:
         unbounded = jnp.where(load.size == 0, 0.0, jnp.inf)
         return jnp.where(is_undamped, unbounded, force / jnp.where(is_undamped, 1.0, stiffness))
 
-    return Amplitudes(
-        response("x", b.m, b.c_x, b.k_x),
-        response("y", b.inertia_y, b.c_y, b.k_y),
-        response("theta", b.I, b.c_T, b.k_T),
-    )
+    return Amplitudes(*(response(name, *own) for name, own in b.oscillators.items()))
 
 
 def free_reach(free: dict[int, Amplitudes], name: str) -> Any:
@@ -218,10 +193,10 @@ def free_oscillations(scene: Scene) -> FreeOscillation:
     def stack(*columns):
         return jnp.stack(columns, axis=-1)
 
-    mass = stack(b.m, b.inertia_y, b.I)
-    damping = stack(b.c_x, b.c_y, b.c_T) / (2 * mass)
+    mass, damping, stiffness = (stack(*a) for a in zip(*b.oscillators.values(), strict=True))
+    damping = damping / (2 * mass)
     steady = {n: stack(*one) for n, one in free.items()}
-    return FreeOscillation(steady, damping, stack(b.k_x, b.k_y, b.k_T) / mass - damping**2)
+    return FreeOscillation(steady, damping, stiffness / mass - damping**2)
 
 
 def decay_factors(swing: FreeOscillation, t: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:

@@ -6,13 +6,13 @@ from typing import Any, cast
 import jax
 import numpy as np
 
-from jaxshroud.batch.held_contact import LinearState, held_contact
-from jaxshroud.batch.linear_motion import linear_flow
 from jaxshroud.batch.linear_runs import linear_amplitude_values, linear_status
-from jaxshroud.batch.linear_sector import settled_linear_motions, settled_linear_tangents
-from jaxshroud.batch.linear_transient import linear_multipliers
 from jaxshroud.batch.tangents import direction
 from jaxshroud.batch.xla import one_lane, repeat_lane
+from jaxshroud.linear.held_contact import LinearState, held_contact
+from jaxshroud.linear.linear_motion import linear_flow
+from jaxshroud.linear.linear_sector import settled_linear_motions, settled_linear_tangents
+from jaxshroud.linear.linear_transient import linear_multipliers
 from jaxshroud.march.method import Choices
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Mode, Status

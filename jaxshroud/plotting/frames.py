@@ -112,7 +112,7 @@ def stored_blocks(ds: xr.Dataset) -> Blocks:
     """
     shroud = tomllib.loads(str(ds.attrs.get("scene", ""))).get("shroud", {})
     if not {"l_oa", "l_ab", "alpha"} <= set(shroud):
-        raise InputError("This run does not tell the shape of its blocks; simulate it again.")
+        raise InputError("This run does not hold the shape of its blocks; simulate it again.")
     gap = ds.attrs["gap"] if "gap" in ds.attrs else shroud["gap"]
     gaps = np.broadcast_to(np.asarray(gap, float), ds.sizes.get("interface", 1))
     return Blocks(shroud["l_oa"], shroud["l_ab"], shroud["alpha"], gaps, places_of_points(ds))

@@ -44,6 +44,7 @@ from jaxshroud.plotting.style import (
 )
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.quantities import free_name, quantity_symbol
+from jaxshroud.signals.period import NOT_SETTLED
 
 FREE_STYLE: Properties = {"color": GREY, "lw": 0.8, "ls": (0, (1.2, 1.2))}
 MEMBER_COLOURS = (BLUE, ORANGE, GREEN, PINK, RED, SKY)
@@ -115,7 +116,8 @@ def _draw_amplitude(panel: Axes, shown: AmplitudeContent, name: str) -> None:
     counted = _levels_of(ds, f"{name}_peak")
     levels = counted.to_numpy()
     unit = _unit_in(ds, f"{name}_peak", float(np.nanmax(levels, initial=0.0)), appearance)
-    _draw_directions(panel, counted.to_dataset(name=DRAWN).assign(status=ds["status"]), axis.values, unit)
+    lanes = counted.to_dataset(name=DRAWN).assign(status=ds["status"], settling=ds["settling"])
+    _draw_directions(panel, lanes, axis.values, unit)
     free = _levels_of(ds, f"{name}_free")
     free = (free.isel(direction=0) if "direction" in free.dims else free).to_numpy() * unit.factor
     panel.plot(axis.values, free, **FREE_STYLE)
@@ -153,14 +155,16 @@ def _unit_in_label(label: str) -> str:
 
 
 def _draw_directions(panel: Axes, ds: xr.Dataset, values: PlotArray, unit: AmplitudeUnit) -> None:
-    """The amplitude `DRAWN` of each lane, in all directions of the sweep."""
+    """The amplitude `DRAWN` of each lane in all directions, not joined where the transient is not over."""
     ways = list(DIRECTION_STYLES) if "direction" in ds.dims else [None]
     for way in ways:
         lanes = ds if way is None else ds.sel(direction=way)
         level = np.where(lanes["status"].to_numpy() == Status.OK, lanes[DRAWN].to_numpy(), np.nan) * unit.factor
         _, color, marker, size = DIRECTION_STYLES[way] if way else ("", BLUE, "o", 2.0)
         line: Properties = {"lw": 0.8, "ls": "-"} if way is None else {"lw": 0, "ls": ""}
-        panel.plot(values, level, marker=marker, ms=size, mew=0, color=color, **line)
+        joined = np.where(lanes["settling"].to_numpy() == NOT_SETTLED, np.nan, level)
+        panel.plot(values, level, marker=marker, ms=size, mew=0, color=color, ls="")
+        panel.plot(values, joined, color=color, **line)
 
 
 def _finish_amplitudes(figure: AnyFigure, axes: Mapping[str, Axes], shown: AmplitudeContent) -> None:

@@ -1,7 +1,7 @@
 """Pictures of coexisting attractors and of their basins."""
 
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import xarray as xr
@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from jaxshroud.plotting.page import Page, Panel, legend_above, parameter_axis, scale_of, title_of
@@ -17,7 +18,6 @@ from jaxshroud.plotting.style import (
     BLUE,
     COLOURS,
     COLUMN_WIDTH,
-    DARK,
     GREEN,
     GREY,
     INK,
@@ -39,8 +39,11 @@ from jaxshroud.scene.keys import Motion
 N_COLOURS = len(COLOURS)  # attractors with a colour of their own; the others share the last
 NARROWEST, WIDENING = 0.8, 0.7  # width of the line of the last orbit, and what each earlier one is wider [pt]
 CHAOS_WIDTH = 0.4  # of the line of an aperiodic attractor, which crosses itself
-SMALLEST, GROWTH = 3.0, 1.8  # size of the mark of the last attractor, and what each earlier one is larger [pt]
-STROBE_STYLE: Properties = {"marker": "o", "ls": "", "mec": "white", "mew": 0.5, "ms": SMALLEST}
+DASHES: Any = ("-", (0, (6, 2)), (0, (3, 2)), (0, (1, 1.5)))  # orbits nearly the same are seen through each other
+POINT_STYLE: Properties = {"marker": "o", "ls": "", "mfc": "white", "mec": INK, "mew": 0.7, "ms": 3.5, "zorder": 3}
+LETTER_STYLE: Properties = {"textcoords": "offset points", "ha": "center", "va": "center", "zorder": 4, "fontsize": 7}
+LETTER_STYLE |= {"path_effects": [withStroke(linewidth=2, foreground="white")]}
+LETTER_PLACES = ((6, 5), (-6, 5), (6, -5), (-6, -5), (0, 8), (0, -8))  # about the point of an attractor [pt]
 ATTRACTOR_STYLES = list(zip((BLUE, ORANGE, GREEN, PINK, RED, SKY), "osD^vP", strict=True))  # the most frequent first
 SHARE_LIMITS = -0.04, 1.04  # a mark at 0 or 1 is whole
 MOST_FREE = 2.0  # times the largest amplitude: larger ones without contact would hide the differences
@@ -94,9 +97,16 @@ def colour(attractor: int) -> str:
     return COLOURS[min(attractor, N_COLOURS - 1)]
 
 
-def _nested(i: int, count: int, least: float, more: float) -> float:
-    """The size of mark or line `i` of `count`, so that each is seen below the later ones."""
-    return least + more * (min(count, N_COLOURS) - 1 - min(i, N_COLOURS - 1))
+def _line_width(i: int, count: int) -> float:
+    """The width of line `i` of `count`, so that each is seen below the later ones."""
+    return NARROWEST + WIDENING * (min(count, N_COLOURS) - 1 - min(i, N_COLOURS - 1))
+
+
+def _mark_point(panel: Axes, attractors: AttractorsData, i: int, at: Any) -> None:
+    """The Poincaré point of an attractor, with its letter."""
+    panel.plot(*at, **POINT_STYLE)
+    place = LETTER_PLACES[i % len(LETTER_PLACES)]
+    panel.annotate(attractors.names[i].partition(":")[0], tuple(at), place, **LETTER_STYLE)
 
 
 def attractors_page(attractors: AttractorsData, appearance: Appearance) -> Page[AttractorsData]:
@@ -113,42 +123,32 @@ def _share_rows(figure: AnyFigure, axes: Mapping[str, Axes], attractors: Attract
     """Name the attractors only once, at the left panel of those with a row for each attractor; explain the marks."""
     axes["P_d"].sharey(axes["shares"])
     axes["P_d"].tick_params(labelleft=False)
-    legend_below(figure, [Line2D([], [], color=GREY, label="orbit", lw=1.5), _strobe_handle()])
+    legend_below(figure, [Line2D([], [], color=GREY, label="orbit", lw=1.5), POINT_HANDLE])
 
 
 def _draw_orbits(panel: Axes, attractors: AttractorsData) -> None:
-    """The path of the left blade, and its place at the strobe; the more frequent are drawn wider, below the others."""
+    """The path of the left blade, and its Poincaré point; the more frequent are drawn wider, below the others."""
     scale = scale_of(np.asarray(attractors.gap))
     count = len(attractors.share)
     for i in range(count):
         x = attractors.path_x[i] * scale.factor
-        name = _attractor_name(attractors, i)
+        name = attractors.names[i]
         is_aperiodic = attractors.kind[i] == 2
-        width = CHAOS_WIDTH if is_aperiodic else _nested(i, count, NARROWEST, WIDENING)
-        panel.plot(x, attractors.path_v_x[i], color=colour(i), label=name, lw=width, zorder=2 - 0.5 * is_aperiodic)
-        at = attractors.motion.x[i, 0] * scale.factor, attractors.motion.v_x[i, 0]
-        panel.plot(*at, color=colour(i), **_strobe_style(i, count))
+        width = CHAOS_WIDTH if is_aperiodic else _line_width(i, count)
+        dashes = "-" if is_aperiodic else DASHES[i % len(DASHES)]
+        style: Properties = {"color": colour(i), "lw": width, "ls": dashes, "zorder": 2 - 0.5 * is_aperiodic}
+        panel.plot(x, attractors.path_v_x[i], label=name, **style)
+        _mark_point(panel, attractors, i, (attractors.motion.x[i, 0] * scale.factor, attractors.motion.v_x[i, 0]))
     panel.set(xlabel=scale.label("1"), ylabel="$v_{x1}$ [m/s]")
 
 
-def _strobe_style(i: int, count: int) -> Properties:
-    return STROBE_STYLE | {"ms": _nested(i, count, SMALLEST, GROWTH), "zorder": 3}
-
-
-def _strobe_handle() -> Line2D:
-    return Line2D([], [], color=DARK, label="at the strobe", **STROBE_STYLE)
-
-
-def _attractor_name(attractors: AttractorsData, i: int) -> str:
-    return f"{chr(65 + i) if i < 26 else i}: {attractors.names[i]}"
+POINT_HANDLE = Line2D([], [], label="Poincaré point", **POINT_STYLE)
 
 
 def _set_rows(panel: Axes, attractors: AttractorsData) -> np.ndarray:
     """Set a row for each attractor, the first on top."""
     rows = np.arange(len(attractors.share))
-    panel.set(
-        yticks=rows, yticklabels=[_attractor_name(attractors, i) for i in rows.tolist()], ylim=(len(rows) - 0.5, -0.5)
-    )
+    panel.set(yticks=rows, yticklabels=attractors.names, ylim=(len(rows) - 0.5, -0.5))
     return rows
 
 
@@ -210,7 +210,7 @@ def _draw_basins(panel: Axes, basins: BasinsData) -> None:
     panel.pcolormesh(across.edges, up.edges, cells, cmap=colours, vmin=-1.5, vmax=N_COLOURS - 0.5, rasterized=True)
     panel.set(xlabel=across.label, ylabel=up.label, xlim=across.edges[[0, -1]], ylim=up.edges[[0, -1]])
     for i, at in _places_inside(panel, basins):
-        panel.plot(*at, color=colour(i), clip_on=False, **_strobe_style(i, len(basins.share)))
+        _mark_point(panel, basins, i, at)
 
 
 BASIN_PANELS = (Panel("basins", _draw_basins),)
@@ -219,13 +219,13 @@ BASIN_PANELS = (Panel("basins", _draw_basins),)
 def _name_basins(figure: AnyFigure, axes: Mapping[str, Axes], basins: BasinsData) -> None:
     """Add the legend of the attractors."""
     count = min(len(basins.share), N_COLOURS)
-    handles: list[Artist] = [Patch(color=colour(i), label=_attractor_name(basins, i)) for i in range(count)]
+    handles: list[Artist] = [Patch(color=colour(i), label=basins.names[i]) for i in range(count)]
     if (basins.label == -1).any():
         handles.append(Patch(color=PALE, label="undecided"))
     if (basins.label == -2).any():
         handles.append(Patch(label="stopped", **STOPPED_STYLE))
     if _places_inside(axes["basins"], basins):
-        handles.append(_strobe_handle())
+        handles.append(POINT_HANDLE)
     legend_below(figure, handles)
 
 

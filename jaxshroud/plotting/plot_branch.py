@@ -201,7 +201,7 @@ def _draw_multiplier(panel: Axes, branches: BranchData) -> None:
     _draw_branch_lines(panel, ds, values, largest[:, None])
     if largest.max() > 5:
         panel.set_yscale("log")
-    panel.set(xlabel=label, ylabel=r"largest $|\mu|$")
+    panel.set(xlabel=label, ylabel="largest\nmultiplier")
 
 
 def _draw_branch_power(panel: Axes, branches: BranchData) -> None:

@@ -36,7 +36,7 @@ from jaxshroud.signals.waves import whitehead_factor
 PERCENT = 100.0
 SPREAD = 0.28  # half width of the patterns of one sigma, in distances of the groups
 BOUND_STYLE: Properties = {"color": INK, "lw": 0.8, "ls": (0, (4, 2))}
-DESIGN_MARKERS = "osD^v"
+QUANTILE_MARKERS, QUANTILE_DISTANCE = "vo^", 0.06
 MANY_PATTERNS = 60  # beyond which their points are small
 LEAST_SHARE = 0.2  # of the height up to Whitehead's factor that patterns take if its line is drawn
 ROOM_FOR_WORDS = 1.4  # height of the axis over that of the patterns where it is not
@@ -85,21 +85,21 @@ def _draw_amplification(panel: Axes, shown: MistunedContent) -> None:
             beside = SPREAD * width * np.cos(2.4 * np.arange(level.size))  # spread evenly
             size = 2.2 if level.size > MANY_PATTERNS else 3.6
             panel.plot(place + beside, level, ".", ms=size, mew=0, color=PALE, label="patterns" if i + j == 0 else None)
-            _draw_quantiles(panel, place, ds.isel(design=i, sigma=j), color, DESIGN_MARKERS[i % 5], i + j == 0)
+            _draw_quantiles(panel, place, ds.isel(design=i, sigma=j), color, i + j == 0)
         if len(designs) > 1:
-            panel.plot([], [], DESIGN_MARKERS[i % 5], ms=4, color=color, label=design)
+            panel.plot([], [], lw=2, color=color, label=design)
     bound = whitehead_factor(ds.sizes["blade"])
     panel.set_xticks(range(len(sigmas)), [f"{PERCENT * sigma:g}" for sigma in sigmas])
     highest, low = float(np.nanmax(ds["amplification"].to_numpy())), float(np.nanmin(ds["amplification"].to_numpy()))
     low = min(1.0, low)
     panel.set(xlabel="standard deviation of the mistuning [%]", ylabel="amplification", xlim=(-0.5, len(sigmas) - 0.5))
-    top = _draw_bound(panel, bound, highest, low)
+    top = _draw_bound(panel, bound, highest, low, rubs=not ds.attrs.get("linear"))
     panel.set_ylim(low - 0.06 * (top - low), top + 0.06 * (top - low))
     panel.tick_params(axis="x", which="both", length=0)
     legend_above(panel)
 
 
-def _draw_bound(panel: Axes, bound: float, highest: float, low: float) -> float:
+def _draw_bound(panel: Axes, bound: float, highest: float, low: float, rubs: bool) -> float:
     """The upper end of the axis, with Whitehead's line unless it would press the patterns to the bottom."""
     words = f"Whitehead (linear, one mode per blade): {bound:.3g}"
     top = max(bound, highest)
@@ -109,6 +109,7 @@ def _draw_bound(panel: Axes, bound: float, highest: float, low: float) -> float:
         top = low + ROOM_FOR_WORDS * max(highest - low, 1e-3)
     else:
         panel.axhline(bound, **BOUND_STYLE)
+    words += ("; " if is_far else "\n") + "this ring rubs" if rubs else ""
     note: Properties = {
         "xytext": (-3, -2),
         "textcoords": "offset points",
@@ -120,17 +121,16 @@ def _draw_bound(panel: Axes, bound: float, highest: float, low: float) -> float:
     return top
 
 
-def _draw_quantiles(panel: Axes, place: float, ds: xr.Dataset, color: str, marker: str, first: bool) -> None:
+def _draw_quantiles(panel: Axes, place: float, ds: xr.Dataset, color: str, first: bool) -> None:
     """The quantiles of one group, each with its 95 % interval; a missing end is left out."""
     value, low, high = (ds[name].to_numpy() for name in ("quantile", "quantile_low", "quantile_high"))
-    shares = ", ".join(f"{PERCENT * share:g}" for share in ds["share"].to_numpy())
     low, high = np.where(np.isfinite(low), low, value), np.where(np.isfinite(high), high, value)
-    bars: Properties = {"color": color, "lw": 0, "elinewidth": 1.1, "capsize": 2.2, "capthick": 1.1, "ms": 3}
-    known = np.isfinite(value)
-    errors = np.stack([np.maximum(value - low, 0), np.maximum(high - value, 0)])[:, known]
-    at = np.full(int(known.sum()), place)
-    label = f"{shares} % are below" if first else None
-    panel.errorbar(at, value[known], errors, fmt=marker, zorder=3, label=label, **bars)
+    bars: Properties = {"color": color, "lw": 0, "elinewidth": 0.9, "capsize": 2.2, "capthick": 0.9, "ms": 3.5}
+    for i in np.flatnonzero(np.isfinite(value)):
+        errors = [[max(value[i] - low[i], 0)], [max(high[i] - value[i], 0)]]
+        beside = place + (i - (len(value) - 1) / 2) * QUANTILE_DISTANCE
+        label = f"{PERCENT * float(ds['share'][i]):g} % are below" if first else None
+        panel.errorbar([beside], [value[i]], errors, fmt=QUANTILE_MARKERS[i], zorder=3, label=label, **bars)
 
 
 def _draw_mistuned_amplitudes(panel: Axes, shown: MistunedContent) -> None:

@@ -117,7 +117,7 @@ def _draw_draws(panel: Axes, ds: xr.Dataset) -> None:
     at_least = ds.attrs.get("at_least")
     if at_least is not None:
         low, high = ds.attrs["probability_low"], ds.attrs["probability_high"]
-        chance = f"at least {at_least:g} %: {ds.attrs['probability']:.0%} ({low:.0%} to {high:.0%})"
+        chance = f"probability of at least {at_least:g} %: {ds.attrs['probability']:.0%} ({low:.0%} to {high:.0%})"
         panel.axvline(at_least, color=ORANGE, ls="--", lw=0.9, label=chance)
     panel.set(xlabel=f"{quantity_symbol(of)} [{unit}]", ylabel="share of draws below", ylim=(0, 1))
 

@@ -51,6 +51,7 @@ from jaxshroud.plotting.style import (
 )
 from jaxshroud.scene.checks import InputError
 
+NOT_OVER = "transient not over"
 MOTION_COLOURS = {
     "period 1": BLUE,
     "period 2": ORANGE,
@@ -59,9 +60,9 @@ MOTION_COLOURS = {
     "periods 5–8": SKY,
     "periods 9–16": RED,
     "aperiodic": DARK,
-    "unsettled": PALE,
+    NOT_OVER: PALE,
 }
-UNSETTLED_COLOUR = list(MOTION_COLOURS).index("unsettled")  # of lanes without a period number, whose transient may last
+UNSETTLED_COLOUR = list(MOTION_COLOURS).index(NOT_OVER)  # of lanes without a period number, whose transient may last
 COLOUR_OF_PERIOD = np.array([6, 0, 1, 2, 3, *[4] * 4, *[5] * 8])  # period number -> index in MOTION_COLOURS
 EXPONENT_LABEL = r"exponent $\lambda_1$ [1/T]"  # the largest Lyapunov exponent
 
@@ -269,17 +270,16 @@ def _draw_with_interval(panel: Axes, curve: Curve, of: str, color: str, alpha: f
 
 
 def _draw_curve_power(panel: Axes, curve: Curve) -> None:
-    """P_d with its interval; hollow markers where the motion is aperiodic or anything is not settled."""
+    """P_d with its interval; circles where the motion is aperiodic, crosses where anything is not settled."""
     ds, axis, motion, _ = curve
     P_d = _draw_with_interval(panel, curve, "P_d", BLUE, 0.25)
     settled = ((ds["P_d_settled"] == 1) & (ds["settled"] == 1)).to_numpy()
     aperiodic = settled & (ds["period_number"] == 0).to_numpy()
-    many = motion.size > 100
-    for name, marker, lanes in (("aperiodic", "o", aperiodic), ("unsettled", "D", ~settled)):
-        hollow = lanes & (motion >= 0)
-        style: Properties = {"ms": 1.8 if many else 2.5, "mfc": "white", "mec": MOTION_COLOURS[name], "mew": 0.5}
-        if hollow.any():
-            panel.plot(axis.values[hollow], P_d[hollow], marker, label=name, **style)
+    style: Properties = {"ms": 2.2 if motion.size > 100 else 3.0, "mfc": "white", "mew": 0.6}
+    for name, marker, colour, lanes in (("aperiodic", "o", DARK, aperiodic), (NOT_OVER, "x", RED, ~settled)):
+        marked = lanes & (motion >= 0)
+        if marked.any():
+            panel.plot(axis.values[marked], P_d[marked], marker, label=name, mec=colour, **style)
     panel.set(ylabel="$P_d$ [%]")
     limit_zoom(panel, P_d, LEAST_SPAN)
 

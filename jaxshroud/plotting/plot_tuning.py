@@ -34,8 +34,8 @@ from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.quantities import is_reduction, quantity_symbol
 from jaxshroud.signals.effects import between
 
-SHARE_LABEL = "share of draws below"
-ACROSS, ROBUST_HEIGHT = 2, 1.5  # panels in a row, and the height of a row [inch]
+SHARE_LABEL = "share below"
+ACROSS, ROBUST_HEIGHT = 2, 1.3  # panels in a row, and the height of a row [inch]
 FEW_LOSSES = 40  # values of a number that are joined by a line; more are dots, as their losses jump between motions
 INTERVAL_MARGIN = 0.35  # share of the interval's width that is shown on either side
 LOSSES_SHOWN = 3.0  # largest loss shown, relative to the permissible one
@@ -69,7 +69,7 @@ def _explain_losses(figure: AnyFigure, axes: Mapping[str, Axes], robust: Summary
     figure.suptitle("each number alone, worst condition")
     for panel in [*axes.values()][::ACROSS]:
         if panel.get_ylabel() != SHARE_LABEL:
-            panel.set_ylabel("loss of $P_d$ [points]" if "of" not in robust else "loss [points]")
+            panel.set_ylabel("loss [points]")
     losses: list[Artist] = [
         Line2D([], [], color=ORANGE, ls="--", lw=0.9, label="permissible loss"),
         Patch(color=SKY, alpha=0.25, label="within it"),
@@ -115,9 +115,9 @@ def _draw_P_d_scatter(panel: Axes, robust: Summary) -> None:
     panel.step(P_d, (np.arange(P_d.size) + 1) / P_d.size, where="post", color=BLUE, lw=0.9)
     panel.axvline(min(robust["nominal_P_d"]), color=INK, lw=0.9, ls=":", label="design without scatter")
     if robust.get("at_least") is not None:
-        panel.axvline(robust["at_least"], color=ORANGE, ls="--", lw=0.9)
+        panel.axvline(robust["at_least"], color=ORANGE, ls="--", lw=0.9, label=f"at least {robust['at_least']:g} %")
         chance = between(*(robust[name] for name in ("probability", "probability_low", "probability_high")))
-        panel.set_title(f"at least {robust['at_least']:g} % (dashed): {chance}")
+        panel.set_title(f"probability {chance}")
     panel.set(xlabel=f"worst {_reduction_symbol(robust)} of a draw [%]", ylabel=SHARE_LABEL, ylim=(0, 1))
 
 

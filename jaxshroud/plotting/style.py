@@ -95,7 +95,7 @@ def wrapped(text: str, width: int) -> str:
     """Text in lines of about `width` visible characters; formulas are not broken."""
     lines = [""]
     length = 0
-    for word in re.findall(r"(?:\\\$|\$(?:\\\$|[^$])*\$|[^\s$])+", text):
+    for word in re.findall(r"(?:\\\$|\$(?:\\\$|[^$])*\$| = |[^\s$])+", text):
         size = _visible_length(word)
         if length and length + 1 + size > width:
             lines = [*lines, ""]

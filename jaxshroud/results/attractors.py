@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 ATTRACTOR_KINDS = ("periodic", "family", "aperiodic")
 UNDECIDED, STOPPED = -1, -2
+LETTERS = [chr(ord("A") + i) for i in range(26)] + [str(i) for i in range(26, 4096)]
 PATH_POINTS = 2048  # at most, of a stored path
 ATTRACTOR_NUMBERS = (
     *(
@@ -135,11 +136,16 @@ class Attractors(Result):
 
     @property
     def names(self) -> list[str]:
-        """The names of the attractors."""
+        """The names of the attractors: a letter each, by which tables and pictures name them, and its motion."""
+        motions = zip(LETTERS, self.kind.tolist(), self.period_number.tolist(), strict=False)
         return [
-            {0: f"period {q}", 1: f"family of period {q}", 2: "aperiodic"}[kind]
-            for kind, q in zip(self.kind.tolist(), self.period_number.tolist(), strict=True)
+            f"{letter}: {(f'period {q}', f'family of period {q}', 'aperiodic')[kind]}" for letter, kind, q in motions
         ]
+
+    @property
+    def worst_text(self) -> str:
+        """The attractor with the smallest P_d in words; "none" if there is none."""
+        return "none" if self.worst is None else f"{self.names[self.worst]}, P_d {self.P_d_least[self.worst]:.1f} %"
 
     def summary(self) -> dict[str, JSONValue]:
         """The shares and P_d of the attractors in plain numbers, as `summary.json` holds them."""
@@ -156,7 +162,7 @@ class Attractors(Result):
             }
             for i, name in enumerate(self.names)
         ]
-        worst = None if self.worst is None else {"attractor": self.worst, "P_d": self.P_d_least[self.worst]}
+        worst = None if self.worst is None else {"attractor": self.names[self.worst], "P_d": self.P_d_least[self.worst]}
         numbers = {
             "starts": self.label.size,
             "undecided or stopped": self.undecided,
@@ -177,7 +183,7 @@ class Attractors(Result):
                 self.names, self.share, self.share_low, self.share_high, self.P_d, self.P_d_ci, strict=True
             )
         )
-        worst = "" if self.worst is None else f"; worst P_d {self.P_d_least[self.worst]:.4g} %"
+        worst = "" if self.worst is None else f"; {self.worst_text}"
         return (
             f"{type(self).__name__} of {self.label.size} starts: {motions}; "
             f"{self.undecided:.3g} undecided or stopped{worst}; {self.method}, {self.steps_per_period} steps a period"

@@ -230,16 +230,26 @@ def open(path: str | os.PathLike[str]) -> Result:
     """A result that was saved by this version or by an earlier one.
 
     Args:
-        path: A file that `save` or a command has written.
+        path: A file that `save` or a command has written, or the folder of a command.
 
     Raises:
         StoreError: The file is missing or damaged, or no result.
     """
+    if Path(path).is_dir() and Path(path).suffix != ".zarr":
+        path = _result_in(Path(path))
     if Path(path).suffix == ".json":
         netcdf = Path(path).with_suffix(".nc")
         advice = f"open {netcdf}" if netcdf.exists() else "run the command again, which writes a .nc too"
         raise StoreError(f"{path}: holds plain numbers for other programs; {advice}")
     return result_from_dataset(read(path), path)
+
+
+def _result_in(folder: Path) -> Path:
+    """The result that a command has written into a folder: beside a sweep that stands behind it, the other one."""
+    found = sorted([*folder.glob("*.nc"), *folder.glob("*.zarr")], key=lambda path: path.stem == "sweep")
+    if not found:
+        raise StoreError(f"{folder}: holds no result; was the run interrupted?")
+    return found[0]
 
 
 def result_from_dataset(data: "xr.Dataset", path: str | os.PathLike[str]) -> Result:

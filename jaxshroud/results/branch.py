@@ -35,7 +35,7 @@ END_REASONS = {
     "closed": "it closes upon itself",
     "flip": "it is born in a flip there",
     "localisation": "it leaves the travelling waves there, whose shift breaks",
-    SHORT_OF_POINTS: "it has as many points as were asked for; give more `most_points`",
+    SHORT_OF_POINTS: "it has as many points as `most_points` allows; give more",
     LOST: "no orbit is near on the other side: the map jumps there, or contact changes by grazing",
 }
 SURE_VALUE = 1e-4  # relative error above which the place of a special point is doubtful

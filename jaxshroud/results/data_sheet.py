@@ -95,7 +95,8 @@ class DataSheet(PlainResult):
     def campbell(self) -> "Campbell":
         """The natural frequencies and the engine orders over speed, as a dataset with a picture."""
         attributes = {name: getattr(self, name) for name in ("speed", "drive_order", "start", "stop")}
-        return Campbell.of_modes(self.modes, self.engine_orders, attributes, self.layout, self.over_speed)
+        lines = self.over_speed
+        return Campbell.of_modes(self.modes, self.engine_orders, attributes, self.layout, lines, self.harmonics)
 
     @property
     def layout(self) -> Layout:
@@ -188,6 +189,7 @@ class Campbell(Result):
         stored=np.int8,
         kind=bool,
     )
+    own = Variable("whether the drive has the engine order", None, ("engine_order",), stored=np.int8, kind=bool)
     speed = Attribute()  # the scene's own [rad/s]
     drive_order = Attribute()  # engine order of the drive at that speed
     start = Attribute()  # of the range of speeds [rad/s]
@@ -201,16 +203,18 @@ class Campbell(Result):
         attributes: Mapping[str, float],
         layout: Layout = PAIR,
         lines: SpeedLines | None = None,
+        harmonics: Sequence[int] = (1,),
     ) -> "Campbell":
         """The result from the modes, the engine orders, `speed`, `drive_order`, `start` and `stop`, and the layout.
 
-        With `lines` the frequencies depend on the speed.
+        With `lines` the frequencies depend on the speed; `harmonics` are the drive's, multiples of `drive_order`.
         """
         columns = {name: [getattr(mode, name) for mode in modes] for name in ("contact", "zeta", "energy", "driven")}
         frequency = np.array([mode.frequency for mode in modes])
         crossing = crossing_speeds(frequency, engine_orders, lines)
         margin = 100 * (attributes["speed"] / crossing - 1)
         values = {**columns, "frequency": frequency, "crossing_speed": crossing, "margin": margin, **attributes}
+        values["own"] = np.isin(engine_orders, [n * attributes["drive_order"] for n in harmonics])
         values["excited"] = excited_by(modes, engine_orders, layout)
         coords = {
             "family": [mode.name for mode in modes],

@@ -107,18 +107,18 @@ def largest_amplitude(swept: Swept, of: str, counting: slice = slice(None)) -> E
     free = getattr(swept, free_name(of))[..., counting]
     if not np.nanmax(levels, initial=0.0) > 0:
         return None
-    lane = _lane_of(np.nanmax(np.nan_to_num(levels, nan=-np.inf), axis=-1))
-    free_lane = _lane_of(np.nan_to_num(free, nan=-np.inf, posinf=np.inf).max(axis=-1))
+    lane = lane_of(np.nanmax(np.nan_to_num(levels, nan=-np.inf), axis=-1))
+    free_lane = lane_of(np.nan_to_num(free, nan=-np.inf, posinf=np.inf).max(axis=-1))
     layout = layout_in(swept.data)
     return ExtremeAmplitude(
         of=of,
         value=float(np.nanmax(levels[lane])),
-        place=_place(swept, lane),
+        place=lane_place(swept, lane),
         blades=tuple(layout.names[i] for i in largest_blades(levels[lane])),
         settling=int(swept.settling[lane]),
         direction=_direction(swept, lane),
         free=float(np.nanmax(free[free_lane])),
-        free_place=_place(swept, free_lane) if free[free_lane].any() else {},
+        free_place=lane_place(swept, free_lane) if free[free_lane].any() else {},
         layout=layout,
     )
 
@@ -142,9 +142,9 @@ def smallest_reduction(swept: Swept, name: str) -> dict[str, Any] | None:
     values = np.where(np.isfinite(values), values, np.inf)
     if not np.isfinite(values).any():
         return None
-    lane = _lane_of(-values)
+    lane = lane_of(-values)
     ci = float(getattr(swept, f"{name}_ci")[lane])
-    place = _place(swept, lane)
+    place = lane_place(swept, lane)
     worse = ": contact makes it worse" if _is_worse(swept, lane) else ""
     number = with_interval(float(values[lane]), ci, "%")
     transient = TRANSIENTS.get(int(swept.settling[lane]), "")
@@ -171,9 +171,9 @@ def passed_sides(swept: Swept) -> Iterator[str]:
         if peaks is None or side is None:
             continue
         levels = np.where(swept.status == Status.OK, np.nanmax(peaks, axis=-1, initial=0.0), 0.0)
-        lane = _lane_of(levels / side)
+        lane = lane_of(levels / side)
         if levels[lane] > side[lane]:
-            moved = f"{amplitude_words(f'{name}_peak', float(levels[lane]))}{place_words(_place(swept, lane))}"
+            moved = f"{amplitude_words(f'{name}_peak', float(levels[lane]))}{place_words(lane_place(swept, lane))}"
             beyond = f"more than the block's side of {_shown(key, float(side[lane]))}"
             yield f"the amplitude of {name} is {moved}, {beyond}: the model is of small displacements, see `check`"
 
@@ -189,12 +189,13 @@ def _number_of_lanes(swept: Swept, key: str) -> np.ndarray | None:
     return None if value is None else np.full(status.shape, float(value))
 
 
-def _lane_of(levels: np.ndarray) -> tuple[int, ...]:
+def lane_of(levels: np.ndarray) -> tuple[int, ...]:
     """The indices of the largest level."""
     return tuple(map(int, np.unravel_index(np.argmax(levels), levels.shape)))
 
 
-def _place(swept: Swept, lane: tuple[int, ...]) -> Place:
+def lane_place(swept: Swept, lane: tuple[Any, ...]) -> Place:
+    """Where a lane is in a sweep."""
     at = lane[len(lane) - len(swept.axes) :]
     return {key: float(values[i]) for (key, values), i in zip(swept.axes.items(), at, strict=True)}
 

@@ -12,7 +12,7 @@ from jaxshroud.results.base import Labels, Result, result_from_dataset
 from jaxshroud.results.orbit import ORBIT_FLAGS, Orbit
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.quantities import unit_of
-from jaxshroud.signals.effects import Effect, difference_text, effects, with_interval
+from jaxshroud.signals.effects import Effect, effects, mean_shift_text, with_interval
 
 if TYPE_CHECKING:
     from jaxshroud.orbits.gradient import PowerGradient
@@ -128,9 +128,9 @@ class Gradient(Result):
         )
 
     @property
-    def static_deflection(self) -> str:
-        """One sentence where a static deflection makes P_d differ from that of the vibration; else empty; one scene."""
-        return difference_text(self.P_d, self.P_d_vibration, self.of)
+    def mean_shift(self) -> str:
+        """One sentence where contact shifts the mean position, which P_d counts as vibration; else empty; one scene."""
+        return mean_shift_text(self.P_d, self.P_d_vibration, self.of, "--of ")
 
     def summary(self) -> dict[str, JSONValue]:
         """The derivatives and their orbit in plain numbers, as `gradient.json` holds them; of many scenes few."""
@@ -204,7 +204,7 @@ class Gradient(Result):
         slopes = ", ".join(f"d{self.of}/d {key} = {with_interval(v, self.ci[key])}" for key, v in self.value.items())
         return (
             f"Gradient, {self.kind}: {slopes}; {self.of} {with_interval(self.level, self.level_ci, unit)}; "
-            f"flags: {', '.join(self.flags) or 'none'}{self.static_deflection and f'; {self.static_deflection}'}"
+            f"flags: {', '.join(self.flags) or 'none'}{self.mean_shift and f'; {self.mean_shift}'}"
         )
 
 

@@ -129,8 +129,8 @@ class Mistuned(Result):
             "a lane of the tuned row stopped: amplifications are over what is left of it": np.any(self.tuned_status),
             f"of {self.at_end} patterns the largest amplitude is at an end of the range: widen it": self.at_end,
             self._coarse_text(): self.coarse,
-            f"{drifting} lanes are not known to be settled: take a longer transient": drifting,
-            too_few_periods_text(self.unjudged, "lanes", self.periods_to_keep): self.unjudged,
+            f"the transient of {drifting} runs is perhaps not over: give a longer --transient": drifting,
+            too_few_periods_text(self.unjudged, "runs", self.periods_to_keep): self.unjudged,
         }
         return [*super().messages, *(text for text, applies in said.items() if applies)]
 
@@ -157,8 +157,10 @@ class Mistuned(Result):
             "Whitehead, linear, one mode per blade": self.whitehead,
             "patterns": self.data.sizes["pattern"],
         }
-        names = ("of", "linear", "seed", "left_out", "at_end", "coarse", "unsettled")
-        numbers |= {name: getattr(self, name) for name in names} | {"coarse patterns": self.coarse_patterns}
+        names = ("of", "linear", "seed", "left_out", "at_end", "coarse")
+        numbers |= {name: getattr(self, name) for name in names}
+        numbers |= {"transient not over": self.unsettled, "runs": self.status.size + self.tuned_status.size}
+        numbers |= {"coarse patterns": self.coarse_patterns}
         numbers |= self._search_numbers()
         return json_values({**numbers, "direction": self.direction_of, "method": self.method, **self.source})
 

@@ -271,7 +271,9 @@ class Orbit(WithAmplitudes, Result):
         if np.ndim(self.q):
             return super().summary()
         multipliers = [[mu.real, mu.imag] for mu in self.multipliers] if self.found else []
-        return {**json_values({"flags": self.flags, "multipliers": multipliers}), **super().summary()}
+        numbers = super().summary()
+        numbers |= {"period_number": numbers.pop("q")}
+        return {**json_values({"flags": self.flags, "multipliers": multipliers}), **numbers}
 
     def __repr__(self) -> str:
         method = str(self.method)

@@ -13,7 +13,7 @@ from jaxshroud.io.variable import Variable
 from jaxshroud.results.amplitudes import ENERGY_DROPPED, WithAmplitudes, WithLoads
 from jaxshroud.results.base import Result
 from jaxshroud.scene.checks import InputError
-from jaxshroud.signals.effects import difference_text, with_interval
+from jaxshroud.signals.effects import mean_shift_text, with_interval
 
 STIFFNESS = "first-harmonic equivalent stiffness of contact along the {} of the faces; NaN if unknown"
 DAMPING = "first-harmonic equivalent damping of contact along the {} of the faces; NaN if unknown"
@@ -161,9 +161,9 @@ class PowerResult(WithAmplitudes, WithLoads, WithEquivalent, Result):
         return {**values, "status": self.status, "method": self.method, "chatter": self.chatter}
 
     @property
-    def static_deflection(self) -> str:
-        """One sentence where a static deflection makes P_d differ from that of the vibration alone; else empty."""
-        return difference_text(self.final_P_d, self.final_P_d_vibration)
+    def mean_shift(self) -> str:
+        """One sentence where contact shifts the mean position, which P_d counts as vibration; else empty."""
+        return mean_shift_text(self.final_P_d, self.final_P_d_vibration)
 
     @property
     def mechanism(self) -> str:
@@ -172,13 +172,13 @@ class PowerResult(WithAmplitudes, WithLoads, WithEquivalent, Result):
         Raises:
             ValueError: There are many scenes.
         """
-        self._check_single("The mechanism is told of one scene")
+        self._check_single("The mechanism is that of one scene")
         return sentences_of(self)
 
     def summary(self) -> dict[str, JSONValue]:
         """The curve and the final answer in plain numbers, as `power.json` holds them."""
         numbers = {"n": self.n, "P_d": self.P_d, "P_d_ci": self.P_d_ci, "final": self.final}
-        numbers |= {"static_deflection": self.static_deflection} if self.static_deflection else {}
+        numbers |= {"mean position": self.mean_shift} if self.mean_shift else {}
         kinds = {"equivalent": WithEquivalent, "amplitudes": WithAmplitudes, "loads": WithLoads}
         return json_values({**self.origin, **numbers, **{name: self._kept(one) for name, one in kinds.items()}})
 

@@ -1,5 +1,6 @@
 """The samples and the statistics of a sweep, in one direction or in several, with jumps and coexisting motions."""
 
+import math
 from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import TYPE_CHECKING
@@ -20,11 +21,18 @@ from jaxshroud.results.amplitudes import (
     load_numbers,
 )
 from jaxshroud.results.base import Result
-from jaxshroud.results.extremes import largest_amplitude, passed_sides, place_numbers, smallest_reduction
+from jaxshroud.results.extremes import (
+    lane_place,
+    largest_amplitude,
+    passed_sides,
+    place_numbers,
+    place_words,
+    smallest_reduction,
+)
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import SINGLE_DIRECTIONS, Direction, Layout
 from jaxshroud.scene.quantities import DISPLACEMENTS
-from jaxshroud.signals.effects import difference_text, flat_text, too_few_periods_text
+from jaxshroud.signals.effects import flat_text, mean_shift_text, too_few_periods_text
 from jaxshroud.signals.orbit_distance import NEIGHBOURING_STEPS, SweptMotion, motions_differ, steep_steps
 from jaxshroud.signals.period import UNKNOWN_IF_SETTLED
 
@@ -36,6 +44,7 @@ GAP_ATTRS = {"units": "m", "long_name": "initial gap"}
 SETTLING_FLAGS = {"flag_values": [0, 1, 2], "flag_meanings": "no yes unknown"}
 MORE_PERIODS = "drive periods of transient to add until {}; NaN if unknown"
 VALUES_AT_ONCE = 4096  # of the axis, whose samples are in memory together
+LONGER = 4  # times the periods that are kept are advised for an interval of P_d: its width is half of that
 UNSETTLED = 0  # verdict of `settling`: the transient is not over
 
 
@@ -91,7 +100,7 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
     )  # this and the next two: only in sweeps in several directions; `jump` once the steep steps were halved
     steep = Variable("", stored=np.int8, kind=bool)
     coexisting = Variable("", stored=np.int8, kind=bool)
-    inaccurate = Variable("estimated to miss the accuracy asked for", stored=np.int8, kind=bool)
+    inaccurate = Variable("estimated to miss the requested accuracy", stored=np.int8, kind=bool)
     unconfirmed = Variable("settled elsewhere than a finer march", stored=np.int8, kind=bool)
 
     @property
@@ -162,10 +171,14 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
         return too_few_periods_text(int(unjudged.sum()), of_runs, np.max(self.periods_to_keep[unjudged], initial=0.0))
 
     @property
-    def static_deflection(self) -> str:
-        """One sentence where a static deflection makes P_d of a lane differ from that of the vibration; else empty."""
-        ok = self.status == Status.OK
-        return difference_text(np.where(ok, self.P_d, np.nan), self.P_d_vibration)
+    def mean_shift(self) -> str:
+        """One sentence where contact shifts the mean position, which P_d counts as vibration; else empty."""
+        P_d = np.where(self.status == Status.OK, self.P_d, np.nan)
+
+        def place(at):
+            return place_words(lane_place(self, np.unravel_index(at, P_d.shape))).lstrip()
+
+        return mean_shift_text(P_d, self.P_d_vibration, place=place)
 
     def summary(self) -> dict[str, JSONValue]:
         """The sweep in a few numbers, as `summary.json` holds them."""
@@ -174,25 +187,22 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
         dropped = self.energy_dropped
         P_d = np.where(ok, self.P_d, np.nan)
         positive = None if self.lyapunov is None else int((self.lyapunov - self.lyapunov_ci > 0).sum())
-        numbers, counts = np.unique(self.period_number[ok], return_counts=True)
         best = None
         if np.isfinite(P_d).any():
             lane = np.unravel_index(np.nanargmax(P_d), P_d.shape)
-            at = lane[len(lane) - len(self.axes) :]
-            place = {key: float(v[i]) for (key, v), i in zip(self.axes.items(), at, strict=True)}
-            best = {"P_d": float(P_d[lane]), "ci": float(self.P_d_ci[lane]), **place_numbers(place)}
+            best = {"P_d": float(P_d[lane]), "ci": float(self.P_d_ci[lane]), **place_numbers(lane_place(self, lane))}
         return json_values(
             {
                 **_direction_numbers(self),
-                "lanes": int(ok.size),
+                "runs": int(ok.size),
                 "periods kept": len(self.period),
                 "status": {s.name: int((self.status == s).sum()) for s in Status if (self.status == s).any()},
-                "period numbers": {str(n) if n else "aperiodic": int(c) for n, c in zip(numbers, counts, strict=True)},
-                "unsettled": int((~self.settled & ok).sum()),
+                "motions": _motion_numbers(self.period_number[ok]),
                 **_settling_numbers(self, ok),
                 **({"too few periods": self.too_few_periods} if self.too_few_periods else {}),
                 "largest P_d": best,
-                **{name: getattr(self, name) for name in ("flat", "static_deflection") if getattr(self, name)},
+                **({"flat": self.flat} if self.flat else {}),
+                **({"mean position": self.mean_shift} if self.mean_shift else {}),
                 **({} if positive is None else {"positive exponents": positive}),
                 **largest_of_lanes(ok, {"largest energy residual": residual, "largest energy dropped": dropped}),
                 **load_numbers(self, ok),
@@ -237,14 +247,34 @@ def _direction_numbers(result: SweepResult) -> dict[str, object]:
     return {"values with coexisting motions": int(result.coexisting.sum()), **jumps, **steep}
 
 
-def _settling_numbers(result: SweepResult, ok: np.ndarray) -> dict[str, float]:
-    """The numbers of lanes that are not settled, and of confidence intervals that span too few correlation times."""
-    more = result.periods_more[ok & np.isfinite(result.periods_more)]
+def _motion_numbers(period_numbers: np.ndarray) -> dict[str, int | str]:
+    """How many runs have settled on each period, aperiodic ones last."""
+    numbers, counts = np.unique(np.where(period_numbers == 0, np.inf, period_numbers), return_counts=True)
+    names = [f"period {n:g}" if np.isfinite(n) else "aperiodic" for n in numbers]
+    runs = dict(zip(names, counts.tolist(), strict=True))
+    return {**runs, "words": ", ".join(f"{name}: {n}" for name, n in runs.items()).replace(",", " runs,", 1)}
+
+
+def _settling_numbers(result: SweepResult, ok: np.ndarray) -> dict[str, dict[str, float | str]]:
+    """The numbers of runs that are not settled, and of those that are too short for an interval of P_d."""
+    of_runs = f"of {ok.sum()} runs"
+    unsettled = int((~result.settled & ok).sum())
+    unknown = int(((result.settling == UNKNOWN_IF_SETTLED) & ok).sum())
+    more = math.ceil(np.max(result.periods_more, where=ok & np.isfinite(result.periods_more), initial=0.0))
+    transient = int(result.period[0]) - 1 + more
+    unsettled_text = f"{unsettled} {of_runs}" + (f" ({unknown} cannot be told)" if unknown else "")
+    drifting = int((~result.P_d_settled & ok).sum())
+    short = int((result.P_d_ci_short & ok).sum())
+    keep = f": --periods {LONGER * len(result.period)}" if short else ""
     return {
-        "of these unknown": int(((result.settling == UNKNOWN_IF_SETTLED) & ok).sum()),
-        "most periods more": float(more.max(initial=0.0)),
-        "P_d unsettled": int((~result.P_d_settled & ok).sum()),
-        "short intervals of P_d": int((result.P_d_ci_short & ok).sum()),
+        "transient not over": {
+            "runs": unsettled,
+            "cannot be told": unknown,
+            "periods more": more,
+            "words": unsettled_text + (f"; {more} periods more would do: --transient {transient}" if more else ""),
+        },
+        "P_d still drifts": {"runs": drifting, "words": f"in {drifting} {of_runs}"},
+        "too few periods for the interval of P_d": {"runs": short, "words": f"in {short} {of_runs}{keep}"},
     }
 
 

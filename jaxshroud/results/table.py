@@ -18,7 +18,7 @@ from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.quantities import is_reduction
 from jaxshroud.scene.typed import typed
-from jaxshroud.signals.effects import difference_text, too_few_periods_text
+from jaxshroud.signals.effects import mean_shift_text, too_few_periods_text
 from jaxshroud.signals.period import MIN_APERIODIC_PERIODS
 
 if TYPE_CHECKING:
@@ -146,7 +146,7 @@ class DesignTable(WithAmplitudes, WithLoads, Result):
                 **({"too few periods": self.too_few_periods} if self.too_few_periods else {}),
                 "ranked by": str(self.by),
                 "best": self._best_row(),
-                **({"static deflection": self.static_deflection} if self.static_deflection else {}),
+                **({"mean position": self.mean_shift} if self.mean_shift else {}),
                 "method": f"{self.method}, {self.steps_per_period} steps a period",
                 **self.origin,
             }
@@ -160,11 +160,12 @@ class DesignTable(WithAmplitudes, WithLoads, Result):
         return too_few_periods_text(int(np.sum(undecided & (self.n < MIN_APERIODIC_PERIODS))), f"of {ok.sum()} runs")
 
     @property
-    def static_deflection(self) -> str:
-        """One sentence where a static deflection makes P_d of a row differ from that of the vibration; else empty."""
+    def mean_shift(self) -> str:
+        """One sentence where contact shifts the mean position of a row's design; else empty."""
         P_d = np.where(self.status == Status.OK, self.P_d, np.nan)
         counted = str(self.by)
-        return difference_text(P_d, self.P_d_vibration, counted if is_reduction(counted) else "P_d")
+        counted = counted if is_reduction(counted) else "P_d"
+        return mean_shift_text(P_d, self.P_d_vibration, counted, "--by ", lambda at: f"row {at + 1}")
 
     def _best_row(self) -> dict[str, object] | None:
         """The first row in rank, by its heads; None where no row has one."""

@@ -13,7 +13,7 @@ from jaxshroud.results.base import Result
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.quantities import is_reduction, unit_of
 from jaxshroud.scene.typed import typed
-from jaxshroud.signals.effects import between, difference_text, flat_text
+from jaxshroud.signals.effects import between, flat_text, mean_shift_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -293,7 +293,8 @@ class Tuned(Result):
                 "blades": self._blades,
                 "method": str(self.method),
                 "steps_per_period": self.steps_per_period,
-                **{name: getattr(self, name) for name in ("flat", "static_deflection") if getattr(self, name)},
+                **({"flat": self.flat} if self.flat else {}),
+                **({"mean position": self.mean_shift} if self.mean_shift else {}),
                 **({} if self.robust is None else {"robust": self.robust}),
                 "checks": {name: judgement._asdict() for name, judgement in self.checks.items()},
                 "map": drawn,
@@ -303,9 +304,11 @@ class Tuned(Result):
         )
 
     @property
-    def static_deflection(self) -> str:
-        """One sentence where a static deflection makes P_d of the best design differ from that of the vibration."""
-        return "" if self.best_P_d is None else difference_text(self.best_P_d, self.best_P_d_vibration, self.quantity)
+    def mean_shift(self) -> str:
+        """One sentence where contact shifts the mean position of the best design; else empty."""
+        if self.best_P_d is None:
+            return ""
+        return mean_shift_text(self.best_P_d, self.best_P_d_vibration, self.quantity, "--of ")
 
     @property
     def failed(self) -> int:

@@ -59,6 +59,12 @@ class Blades(eqx.Module):
         return self.m if self.m_y is None else self.m_y
 
     @property
+    def oscillators(self) -> dict[str, tuple[Any, Any, Any]]:
+        """The mass, damping and stiffness of the blades along x, y and theta."""
+        y = self.inertia_y, self.c_y, self.k_y
+        return {"x": (self.m, self.c_x, self.k_x), "y": y, "theta": (self.I, self.c_T, self.k_T)}
+
+    @property
     def grow(self) -> bool:
         """Whether a stiffness grows with the speed."""
         return any(B is not None for B in (self.B_x, self.B_y, self.B_T))

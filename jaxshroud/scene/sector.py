@@ -27,7 +27,7 @@ def require_sector(scene: Scene) -> None:
     if not asks_for_sector(scene):
         return
     if not _is_built_in(scene):
-        raise InputError(f"{ASKED} does not know blades, drives and laws of one's own; drop it.")
+        raise InputError(f"{ASKED} does not know your own blades, drives and laws; drop it.")
     if (key := _unlike(scene)) is not None:
         raise InputError(f"{ASKED} needs alike blades and interfaces, but {key} differs along the row; drop it.")
     if sector_blades(scene) == scene.layout.blades:

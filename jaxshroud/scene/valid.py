@@ -99,7 +99,7 @@ def in_precision(tree: Any, precision: Precision) -> Any:
     floats = [a for a in leaves if jnp.issubdtype(a.dtype, jnp.floating)]
     if precision == "float64" and any(a.dtype != jnp.float64 for a in floats):
         raise InputError(
-            "Float64 is asked for, but these numbers are float32: call jax.config.update('jax_enable_x64', True) "
+            "Float64 is requested, but these numbers are float32: call jax.config.update('jax_enable_x64', True) "
             "before the scene is made, or ask for a method with that precision, js.RungeKutta(precision='float32')."
         )
     return jax.tree.map(lambda a: a.astype(precision) if jnp.issubdtype(a.dtype, jnp.floating) else a, tree)

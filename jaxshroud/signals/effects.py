@@ -1,7 +1,7 @@
 """Numbers with the digits that their intervals justify, and effects: derivatives per 1 % of each number."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -153,24 +153,32 @@ def effects(value: Mapping[str, float], ci: Mapping[str, float], number: Mapping
     return sorted(results, key=lambda e: -abs(e.change) if math.isfinite(e.change) else math.inf)
 
 
-def difference_text(P_d: Any, P_d_vibration: Any, counted: str = "P_d") -> str:
-    """One sentence where a static deflection makes P_d differ from that of the vibration alone; else empty.
+def mean_shift_text(
+    P_d: Any,
+    P_d_vibration: Any,
+    counted: str = "P_d",
+    option: str = "",
+    place: Callable[[int], str] = "run {}".format,
+) -> str:
+    """One sentence where contact shifts the mean position, which P_d counts as vibration; else empty.
 
     Args:
-        P_d: By Eq. (22), of one lane or of many, of which the one that differs the most is told [%].
+        P_d: By Eq. (22), of one run or of many [%].
         P_d_vibration: About the mean position [%]; None where it is not known.
         counted: Which of them counted: "P_d", "P_d_worst" or "P_d_vibration".
+        option: The option that chooses it, with a blank; empty where there is none.
+        place: Of many runs, where the one of an index is, in words.
     """
     if P_d_vibration is None:
         return ""
-    with_deflection, alone = (np.ravel(np.asarray(a, float)) for a in (P_d, P_d_vibration))
-    apart = np.nan_to_num(np.abs(with_deflection - alone), nan=0.0)
-    differing = int(np.sum(apart > TOLD_DIFFERENCE))
-    if not differing:
-        return ""
+    with_shift, alone = (np.ravel(np.asarray(a, float)) for a in (P_d, P_d_vibration))
+    apart = np.nan_to_num(np.abs(with_shift - alone), nan=0.0)
     at = int(np.argmax(apart))
-    where = f", most of {differing} that differ" if len(apart) > 1 else ""
+    if apart[at] <= TOLD_DIFFERENCE:
+        return ""
+    where = f" (the largest difference, {place(at)})" if len(apart) > 1 else ""
+    advice = "P_d_vibration counted" if counted == "P_d_vibration" else f"{option}P_d_vibration counts that"
     return (
-        f"P_d is {with_deflection[at]:.2f} %, with the static deflection that Eq. (22) counts as vibration, and "
-        f"P_d_vibration, of the vibration alone, {alone[at]:.2f} %{where}; {counted} counted"
+        f"contact also shifts the mean position, which P_d counts as vibration: {with_shift[at]:.1f} % where "
+        f"vibration alone is reduced by {alone[at]:.1f} %{where}; {advice}"
     )

@@ -103,19 +103,19 @@ def equivalent_values(
 
 def linear_blades(scenes: Scene, i: int) -> LinearBlades:
     """The blades of one of many scenes (leading axis)."""
-    b = scenes.running_blades
     drive = jax.tree.map(lambda a: np.asarray(a, float)[i], scenes.drive)
     first, mean = drive.harmonics().get(1), drive.harmonics().get(0)
 
-    def stacked(*columns):
-        return np.stack([np.asarray(a, float)[i] for a in columns], axis=-1)
-
+    m, c, k = (
+        np.stack([np.asarray(own, float)[i] for own in of], axis=-1)
+        for of in zip(*scenes.running_blades.oscillators.values(), strict=True)
+    )
     moves = np.array([[scenes.parts.has(name, blade) for name in ("x", "y", "theta")] for blade in (0, 1)])
     alpha = float(np.asarray(scenes.shroud.alpha)[i])
     return LinearBlades(
-        m=stacked(b.m, b.inertia_y, b.I),
-        c=stacked(b.c_x, b.c_y, b.c_T),
-        k=stacked(b.k_x, b.k_y, b.k_T),
+        m=m,
+        c=c,
+        k=k,
         moves=moves,
         drive=np.zeros((2, 3), complex) if first is None else _stacked_load(first),
         mean=np.zeros((2, 3)) if mean is None else np.imag(_stacked_load(mean)),

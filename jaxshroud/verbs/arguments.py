@@ -61,7 +61,7 @@ def refuse_traced(tree: object) -> None:
     if is_traced(tree):
         raise InputError(
             "A verb was given numbers that jax.jit, jax.grad or jax.vmap traces, within which no verb runs: "
-            "use js.rollout, js.sweep_function or js.period_map there."
+            "use js.rollout, js.sweep_function or js.period_map there, or js.gradient for derivatives of P_d."
         )
 
 

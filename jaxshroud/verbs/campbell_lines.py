@@ -5,7 +5,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from jaxshroud.model.natural_modes import (
+from jaxshroud.linear.natural_modes import (
     Growth,
     LinearContact,
     NaturalContact,
@@ -53,7 +53,7 @@ def lines_of_speeds(
     frequencies, crossings = np.empty((len(modes), len(speeds))), np.empty((len(modes), len(orders)))
     for contact in cast(list[NaturalContact], list(dict.fromkeys(mode.contact for mode in modes))):
         chosen = [i for i, mode in enumerate(modes) if mode.contact == contact]
-        every = modes_in(blades, contact, [0 * blades.mass], words_for(arrays))
+        every = modes_in(blades, contact, [0 * blades.free.mass], words_for(arrays))
         places = [_place_among(modes[i], every) for i in chosen]
         frequencies[chosen] = speed_curves(blades, contact, growth, speeds**2)[places] / RAD_PER_CYCLE
         met = [order_crossings(blades, contact, growth, order)[places] for order in orders]
@@ -87,7 +87,7 @@ def pressed_speeds(arrays: Scene, system: LinearContact, ends: tuple[float, floa
     growth = growth_of(arrays)
     s = arrays.shroud
     mean = arrays.drive.harmonics().get(0)
-    loads = np.zeros(len(blades.mass)) if mean is None else np.concatenate([mean.F_x, mean.F_y, mean.M_0])
+    loads = np.zeros(len(blades.free.mass)) if mean is None else np.concatenate([mean.F_x, mean.F_y, mean.M_0])
     gap = np.atleast_1d(s.gap).astype(float)
     slope = (
         0 * gap

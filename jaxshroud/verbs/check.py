@@ -12,13 +12,13 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from jaxshroud.cache.programs import kept
+from jaxshroud.linear.natural_modes import LinearContact, drive_loads, linear_contact
 from jaxshroud.march.stability import steps_for, stiffest
 from jaxshroud.march.tableau import RK4
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import Amplitudes, steady_amplitudes, waves_of
-from jaxshroud.model.linear_systems import touching_gradients
-from jaxshroud.model.natural_modes import LinearContact, drive_loads, linear_contact
+from jaxshroud.model.linear_system import flow_matrix, solutions
 from jaxshroud.model.steady_numbers import steady_peak
 from jaxshroud.results.data_sheet import Coordinate, DataSheet, FlowMode, NaturalMode, crossings_between
 from jaxshroud.scene.checks import InputError
@@ -127,14 +127,7 @@ def _at_interfaces(arrays: Scene, k: np.ndarray, approach: np.ndarray, slide: np
 def _modes_in_flow(arrays: Scene, system: LinearContact) -> tuple[FlowMode, ...]:
     """The modes of a row in a flow."""
     assert arrays.row is not None  # which scenes with forces of the flow have
-    row = jax.tree.map(lambda a: a if a.dtype == bool else a.astype(float), system)
-    aero = arrays.aero
-    count = arrays.row.blades
-    omega = float(arrays.drive.omega)
-    after = np.eye(count, k=1) + (np.eye(count, k=1 - count) if arrays.row.closed else 0)
-    parts = ((aero.L0_im, np.eye(count)), (aero.L1_im, after), (aero.L_1_im, after.T))
-    flow = sum((float(L) / omega * to for L, to in parts if L is not None), np.zeros((count, count)))
-    return flow_modes(row, flow, arrays.row.closed)
+    return flow_modes(system.free, flow_matrix(arrays, "c"), arrays.row.closed)
 
 
 def _over_speed(
@@ -185,13 +178,13 @@ class FreeMotion(NamedTuple):
 @kept()
 def _free_and_touching(
     scene: Scene,
-) -> tuple[FreeMotion, Float[Array, "..."], Scalar, Scalar, LinearContact, dict[int, tuple[Array, Array]]]:
+) -> tuple[FreeMotion, Float[Array, "..."], Scalar, Scalar, LinearContact, dict[int, Array]]:
     """The free motion, the stiffness of contact, a block's gyration, half its diagonal, a linear system.
 
     The system and the load on it are those of blades whose upper corners meet: there is no gap between them.
     """
     shroud = scene.shroud
-    system = linear_contact(scene, touching_gradients(scene))
+    system = linear_contact(scene)
     return _motion_apart(scene), scene.k, gyration(shroud), half_diagonal(shroud), system, drive_loads(scene)
 
 
@@ -250,8 +243,8 @@ def _displaced_by_interference(system: LinearContact, gaps: np.ndarray, alpha: f
     v_q = system.v_q[:, bends]
     k = np.where(depth > 0, system.k, 0.0)
     displacement = np.zeros(len(system.moves))
-    stiffness = system.own_stiffness[np.ix_(bends, bends)] + v_q.T @ (k[:, None] * v_q)
-    displacement[bends] = np.linalg.solve(stiffness, -v_q.T @ (k * depth))
+    stiffness = system.free.stiffness[np.ix_(bends, bends)] + v_q.T @ (k[:, None] * v_q)
+    displacement[bends] = solutions(stiffness, -v_q.T @ (k * depth))
     x, y, _ = displacement.reshape(3, -1)
     return np.hypot(x, y)
 
@@ -276,8 +269,7 @@ def _end_of_range(modes: Sequence[NaturalMode], omega: float, speed: float) -> f
 
 def _free_coordinates(arrays: Scene, free: FreeMotion) -> dict[str, Coordinate]:
     b = arrays.mistuned_blades
-    oscillators = {"x": (b.m, b.c_x, b.k_x), "y": (b.inertia_y, b.c_y, b.k_y), "theta": (b.I, b.c_T, b.k_T)}
-    return {name: _coordinate(oscillators[name], free, name) for name in arrays.parts.motion}
+    return {name: _coordinate(b.oscillators[name], free, name) for name in arrays.parts.motion}
 
 
 def _coordinate(oscillator: tuple[Any, Any, Any], free: FreeMotion, name: str) -> Coordinate:

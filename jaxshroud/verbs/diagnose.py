@@ -176,7 +176,7 @@ def _verdict(wave: RowWave | None, found: RowEvidence) -> tuple[str, list[str]]:
     exponent = f"the distance of a nearby run grows by exp({growth.exponent:.3g} +- {growth.ci:.2g}) a period"
     if np.isnan(growth.exponent):
         exponent = f"a nearby run {'is lost in rounding within a period' if growth.periods else 'stops'}"
-    returns = "the blades do not return within as many periods as can be told"
+    returns = "the blades do not return within as many periods as can be judged"
     if q:
         returns = f"all blades return after {q} period{'s' * (q > 1)}"
     reasons = [f"{returns} ({found.periods} periods run)", exponent]

@@ -5,10 +5,10 @@ from functools import partial
 
 import numpy as np
 
-from jaxshroud.batch.held_contact import LinearState, is_linear
 from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Plan, Progress
 from jaxshroud.batch.threads import Interrupted
+from jaxshroud.linear.held_contact import LinearState, is_linear
 from jaxshroud.march.method import FAST, FOR_P_D
 from jaxshroud.model.prepared import State
 from jaxshroud.orbits.batched_algorithms import run_alone, run_together

@@ -8,11 +8,11 @@ from typing import NamedTuple, TypeVar
 import jax
 import numpy as np
 
-from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.batch.runs import stepping_method
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.io.lane_status import LaneWarning
 from jaxshroud.io.variable import jax_lane_arrays
+from jaxshroud.linear.held_contact import is_linear
 from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.stability import steps_for
 from jaxshroud.model.prepared import State

@@ -13,16 +13,16 @@ import numpy as np
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.batch.threads import in_chunks
 from jaxshroud.cache.programs import kept
-from jaxshroud.model.linear_systems import (
-    LinearSystem,
+from jaxshroud.linear.mistuned import (
+    MistunedSystem,
     linear_systems,
     linear_waves,
     moving_directions,
     part_of,
     wave_slopes,
 )
+from jaxshroud.linear.natural_modes import NaturalContact
 from jaxshroud.model.modes import Status
-from jaxshroud.model.natural_modes import NaturalContact
 from jaxshroud.model.steady_numbers import SteadyNumbers, steady_course, steady_peak, steady_rms, turning_phases
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.quantities import amplitude_of
@@ -58,7 +58,7 @@ def linear_problem(
     assert amplitude is not None  # which `of` is
     cost = len(row.values) + sum(PEAK_NODES) + 1
 
-    def at(values: FloatArray, moving: np.ndarray | None = None) -> LinearSystem:
+    def at(values: FloatArray, moving: np.ndarray | None = None) -> MistunedSystem:
         scenes = without_given(scenes_at(numbered, [row.along], np.ravel(values)[:, None]))
         return _systems(scenes, contact, amplitude.row, moving)
 
@@ -102,7 +102,7 @@ def linear_problem(
     return PatternProblem(values=row.values, respond=respond, slopes=slopes, cost=cost, slope_cost=2)
 
 
-def _systems(scenes: Any, contact: NaturalContact, coordinate: int, moving: np.ndarray | None) -> LinearSystem:
+def _systems(scenes: Any, contact: NaturalContact, coordinate: int, moving: np.ndarray | None) -> MistunedSystem:
     """The linear systems of scenes (leading axis), in some of their directions if these are given."""
 
     def chunk(_, lanes):
@@ -187,7 +187,7 @@ def _about_largest(
     return fine[rows, k], (fine[rows, np.maximum(k - apart, 0)], fine[rows, np.minimum(k + apart, count - 1)])
 
 
-def _slope(system: LinearSystem, pattern: FloatArray, measure: str) -> tuple[FloatArray, bool]:
+def _slope(system: MistunedSystem, pattern: FloatArray, measure: str) -> tuple[FloatArray, bool]:
     """The derivatives of the largest amplitude of a row by its pattern, and whether others as large move differently.
 
     The instant of a peak is held: there the rate is 0.

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxshroud.batch.plan import Progress
+from jaxshroud.linear.natural_modes import NaturalContact
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.march.method_names import RESPONSES
-from jaxshroud.model.natural_modes import NaturalContact
 from jaxshroud.results.mistuned import QUANTILE_SHARES, Mistuned, mistuned_coordinates
 from jaxshroud.scene.checks import InputError, count_argument, seed_argument, word_argument
 from jaxshroud.scene.file import SceneFile

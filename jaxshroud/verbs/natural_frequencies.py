@@ -3,17 +3,18 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
-from jaxshroud.model.natural_modes import (
+from jaxshroud.linear.natural_modes import (
     LinearContact,
     NaturalContact,
     drive_shares,
     natural_modes,
 )
+from jaxshroud.model.linear_system import LinearSystem, rate_matrix
 from jaxshroud.results.data_sheet import FlowMode, NaturalMode
 from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene
@@ -35,7 +36,7 @@ class ModeWords(NamedTuple):
 
 
 def modes_of(
-    arrays: Scene, k: np.ndarray, system: LinearContact, loads: dict[int, tuple[np.ndarray, np.ndarray]]
+    arrays: Scene, k: np.ndarray, system: LinearContact, loads: dict[int, np.ndarray]
 ) -> tuple[NaturalMode, ...]:
     """All natural modes: those of the free blades, then those of each state of contact, the lowest first.
 
@@ -46,9 +47,9 @@ def modes_of(
         loads: What drives them, see `drive_loads`.
     """
     blades = system_in_float64(system)
-    driven = [(a.astype(float) + 1j * b.astype(float)) * blades.moves for a, b in loads.values()]
+    driven = [load.astype(complex) for load in loads.values()]
     words = words_for(arrays)
-    count = len(blades.mass) // 3
+    count = len(blades.free.mass) // 3
     modes = []
     for contact in contacts_of(arrays, k):
         modes += words.merged(modes_in(blades, contact, driven, words), contact, count)
@@ -86,7 +87,7 @@ def modes_in(
 ) -> list[NaturalMode]:
     """All modes in one state of contact, the lowest first."""
     omega, zeta, shape = natural_modes(blades, contact)
-    energy = shape**2 * blades.mass
+    energy = shape**2 * blades.free.mass
     driven = drive_shares(shape, loads)
     modes = []
     for i, own_shape in enumerate(shape):
@@ -169,19 +170,11 @@ def _words_of_row(closed: bool) -> ModeWords:
     return ModeWords(partial(_waves_in_words, closed=closed), _merged_waves)
 
 
-class Oscillators(NamedTuple):
-    """Coupled oscillators: M q'' + C q' + K q = 0, complex where they are those of a wave; (n, n) each."""
-
-    mass: np.ndarray
-    damping: np.ndarray
-    stiffness: np.ndarray
-
-
-def flow_modes(blades: LinearContact, flow: FloatArray, closed: bool) -> tuple[FlowMode, ...]:
+def flow_modes(blades: LinearSystem, flow: FloatArray, closed: bool) -> tuple[FlowMode, ...]:
     """The modes along x of the blades of a row in a flow, apart: the frequency and the damping of free decays.
 
     Args:
-        blades: The row as a linear system, with arrays of NumPy.
+        blades: The row, with arrays of NumPy.
         flow: The damping by the flow within it, along x of all blades (N, N) [N s/m].
         closed: Whether it is a ring.
 
@@ -194,23 +187,16 @@ def flow_modes(blades: LinearContact, flow: FloatArray, closed: bool) -> tuple[F
         + L_1 exp(-i 2 pi h / N) as it is marched: Re L in D_h, and Im L / omega_drive in C_h. What the flow adds to the
         damping ratio is the rest that the dampers do not give.
     """
-    count = len(flow)
-    along_x = slice(0, count)
-    row = Oscillators(
-        np.diag(blades.mass[along_x]),
-        blades.own_damping[along_x, along_x],
-        blades.own_stiffness[along_x, along_x],
-    )
+    x = slice(len(flow))
+    row = LinearSystem(*(np.asarray(a[x] if a.ndim == 1 else a[x, x], float) for a in blades))
     own_damping = row.damping - flow
-    if closed and all(map(_is_circulant, row)):
-        return tuple(
-            _mode(
-                *_root_of(Oscillators._make(_of_wave(a, h) for a in row)), _of_wave(own_damping, h), row.mass[:1, :1], h
-            )
-            for h in range(-((count - 1) // 2), count // 2 + 1)
-        )
-    roots, shapes = roots_of(row)
-    return tuple(_mode(root, shape, own_damping, row.mass, None) for root, shape in zip(roots, shapes.T, strict=True))
+    if not closed or not all(map(_is_circulant, (np.diag(row.mass), *row[1:]))):
+        return _decays(row, own_damping, None)
+    modes: tuple[FlowMode, ...] = ()
+    for h in range(-((len(flow) - 1) // 2), len(flow) // 2 + 1):
+        wave = LinearSystem(row.mass[:1], _of_wave(row.damping, h), _of_wave(row.stiffness, h))
+        modes += _decays(wave, _of_wave(own_damping, h), h)
+    return modes
 
 
 def _is_circulant(matrix: FloatArray) -> bool:
@@ -222,32 +208,20 @@ def _of_wave(matrix: FloatArray, h: int) -> np.ndarray:
     return matrix[:1] @ np.exp(2j * np.pi * h * np.arange(len(matrix)) / len(matrix))[:, None]
 
 
-def roots_of(system: Oscillators) -> tuple[np.ndarray, np.ndarray]:
-    """The roots lambda of exp(lambda t) with positive imaginary part, by size, and their shapes as columns."""
+def _decays(system: LinearSystem, own_damping: np.ndarray, h: int | None) -> tuple[FlowMode, ...]:
+    """The modes of all that oscillates, by size of their roots."""
     n = len(system.mass)
-    companion = np.block(
-        [
-            [np.zeros((n, n)), np.eye(n)],
-            [-np.linalg.solve(system.mass, system.stiffness), -np.linalg.solve(system.mass, system.damping)],
-        ]
-    )
-    roots, shapes = np.linalg.eig(companion)
+    roots, shapes = np.linalg.eig(rate_matrix(*system))
     turning = np.argsort(-np.imag(roots))[:n]
     turning = turning[np.argsort(np.abs(roots[turning]))]
-    return roots[turning], shapes[:n, turning]
+    return tuple(_mode(roots[i], shapes[:n, i], own_damping, np.diag(system.mass), h) for i in turning)
 
 
-def _root_of(wave: Oscillators) -> tuple[complex, np.ndarray]:
-    """The root and the shape of a wave."""
-    roots, shapes = roots_of(wave)
-    return complex(roots[0]), shapes[:, 0]
-
-
-def _mode(root: complex, shape: np.ndarray, own_damping: np.ndarray, mass: np.ndarray, h: int | None) -> FlowMode:
+def _mode(root: Any, shape: np.ndarray, own_damping: np.ndarray, mass: np.ndarray, h: int | None) -> FlowMode:
     def of_shape(matrix):
         return float(np.real(shape.conj() @ matrix @ shape))
 
-    zeta = -root.real / abs(root)
-    omega = abs(root)
+    zeta = float(-root.real / abs(root))
+    omega = float(abs(root))
     of_dampers = of_shape(own_damping) / (2 * omega * of_shape(mass))
     return FlowMode(h, omega / (2 * np.pi), zeta, zeta - of_dampers)

@@ -6,10 +6,10 @@ from typing import TypedDict, Unpack
 
 import numpy as np
 
-from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.batch.marches import march_of, require_march
 from jaxshroud.batch.plan import Progress
 from jaxshroud.io.lane_status import AccuracyWarning
+from jaxshroud.linear.held_contact import is_linear
 from jaxshroud.march.method import FAST, Choices, Method, choices, method_of
 from jaxshroud.march.stability import steps_for
 from jaxshroud.model.contact_law import ContactLaw
@@ -33,7 +33,8 @@ def warn_missed(missed: np.ndarray, choice: Choice, dropped: np.ndarray | None =
         dropped: The energy that beginnings of flat contact dropped in each lane, over the gross work of the drive.
     """
     if missed.any():
-        text = f"{missed.sum()} of {missed.size} runs miss the accuracy of {choice.accuracy:.0e} within three periods"
+        runs = f"{missed.sum()} of {missed.size} runs may miss the accuracy of {choice.accuracy:.0e} over three periods"
+        text = f"{runs}: statistics of chaos bear it, single values do not"
         share = 0.0 if dropped is None else float(np.max(np.nan_to_num(dropped), initial=0.0))
         dropped_text = (
             f"; where faces became flat, up to {share:.0e} of the drive's gross work was dropped" if share > 0 else ""

@@ -9,7 +9,6 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxshroud.batch.held_contact import LinearState, is_linear
 from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.periods import PERIODS_PER_CALL, Sample
 from jaxshroud.batch.plan import Plan, Progress, Runs, Ticker
@@ -17,6 +16,7 @@ from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import final_states
 from jaxshroud.batch.zeno import zeno_warning
 from jaxshroud.io.lane_status import warn_failures
+from jaxshroud.linear.held_contact import LinearState, is_linear
 from jaxshroud.march.method import FOR_P_D_WITH_LEDGER
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status

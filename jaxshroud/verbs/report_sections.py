@@ -16,7 +16,7 @@ from jaxshroud.results.scatter import SHARES, Scatter
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.tuned import DesignJudgement, Tuned
 from jaxshroud.scene.quantities import RequiredReduction
-from jaxshroud.signals.effects import between, difference_text, with_interval
+from jaxshroud.signals.effects import between, mean_shift_text, with_interval
 from jaxshroud.verbs.report_findings import MM_PER_M, DesignFindings
 from jaxshroud.verbs.response import PeakRatio
 from jaxshroud.verbs.sheet_tables import lines_of, rows_of
@@ -192,8 +192,8 @@ def _mechanism_section(data: ReportData) -> Section | None:
     peaks = [] if data.peaks is None else [data.peaks.words]
     peaks += data.findings.amplitudes_of
     final = data.power.final
-    if difference := difference_text(final["P_d"], final["P_d_vibration"], data.of):
-        P_d = f"{P_d} {difference}."
+    if difference := mean_shift_text(final["P_d"], final["P_d_vibration"], data.of, "--of "):
+        P_d = f"{P_d} {difference[0].upper()}{difference[1:]}."
     return Section("Damping or detuning", [*_one_condition(data), P_d, data.power.mechanism, *peaks])
 
 

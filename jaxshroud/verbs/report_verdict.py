@@ -50,7 +50,7 @@ def _report_doubts(data: ReportData) -> Iterator[str]:
         yield f"the energy balance is left open by {largest_value([runs.energy_residual]):.2g} of the drive's work"
     if not runs.P_d_settled.all():
         i = int(np.argmin(runs.P_d_settled))
-        yield f"P_d still drifts, or cannot be told to have settled{_at(data, i)}"
+        yield f"P_d still drifts, or is not known to have settled{_at(data, i)}"
     yield from (f"{doubt}{_at(data, data.worst)}" for doubt in data.findings.doubts)
     if spread is not None:
         if at_least is not None and spread.probability_low < REQUIRED_PROBABILITY <= spread.probability_high:

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxshroud.batch.held_contact import LinearState, is_linear
 from jaxshroud.batch.linear_runs import linear_amplitude_values
 from jaxshroud.batch.plan import Progress
+from jaxshroud.linear.held_contact import LinearState, is_linear
 from jaxshroud.march.method_names import RESPONSES
 from jaxshroud.orbits.peaks import AmplitudesAt, branch_peaks, linear_peaks
 from jaxshroud.results.branch import Branch

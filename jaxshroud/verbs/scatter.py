@@ -7,9 +7,9 @@ from itertools import product
 
 import numpy as np
 
-from jaxshroud.batch.held_contact import LinearState
 from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Progress
+from jaxshroud.linear.held_contact import LinearState
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State

@@ -9,17 +9,16 @@ from typing import cast, overload
 import jax
 import numpy as np
 
-from jaxshroud.batch.equilibrium import Equilibrium, static_equilibria
-from jaxshroud.batch.held_contact import LinearState, held_contact, is_linear, sprung
-from jaxshroud.batch.linear_motion import LinearMotion, linear_motions
 from jaxshroud.batch.linear_runs import linear_status
-from jaxshroud.batch.linear_transient import outlasts_transient
-from jaxshroud.batch.load_path import start_equilibria
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.cache.programs import kept
-from jaxshroud.model.linear_systems import touching_gradients
+from jaxshroud.linear.equilibrium import Equilibrium, static_equilibria
+from jaxshroud.linear.held_contact import LinearState, held_contact, is_linear, sprung
+from jaxshroud.linear.linear_motion import LinearMotion, linear_motions
+from jaxshroud.linear.linear_transient import outlasts_transient
+from jaxshroud.linear.load_path import start_equilibria
+from jaxshroud.linear.natural_modes import LinearContact, linear_contact
 from jaxshroud.model.modes import Mode, Status
-from jaxshroud.model.natural_modes import LinearContact, linear_contact
 from jaxshroud.results.data_sheet import SettledMotion
 from jaxshroud.scene.checks import InputError, word_argument
 from jaxshroud.scene.file import SceneFile
@@ -98,32 +97,30 @@ def settling_periods(scenes: Scene) -> float:
     """
     if scenes.blade_matrices is not None:
         return float("nan")
-    blades, motion = scenes.mistuned_blades, scenes.parts.motion
-    numbers = {
-        "x": (blades.m, blades.c_x, blades.k_x),
-        "y": (blades.inertia_y, blades.c_y, blades.k_y),
-        "theta": (blades.I, blades.c_T, blades.k_T),
-    }
     omega = np.asarray(scenes.drive.omega, float)[:, None]
     slowest = np.inf
-    for name in motion:
-        m, c, k = (np.asarray(a, float) for a in numbers[name])
+    for name in scenes.parts.motion:
+        m, c, k = (np.asarray(a, float) for a in scenes.mistuned_blades.oscillators[name])
         damping, square = c / (2 * m), k / m
         creeps = np.sqrt(np.maximum(damping**2 - square, 0.0))
         slowest = min(slowest, float(np.min((damping - creeps) / omega)))
     return float(-np.log(DIED_OUT) / (2 * np.pi * slowest)) if slowest > 0 else np.inf
 
 
-def settling_advice(periods: float, touches: bool) -> str:
-    """What to do about light damping, whose free vibration takes so many drive periods to die out; else empty.
+def settling_advice(periods: float, touches: bool, discarded: str = "") -> str:
+    """What to do about light damping, whose free vibration takes so many drive periods to decay; else empty.
 
-    What is said of faces that touch was measured by `tests/studies/wheel_periods.py`.
+    `discarded` says how many are discarded. What is said of faces that touch was measured by
+    `tests/studies/wheel_periods.py`.
     """
     if not periods > MANY_PERIODS:  # nor NaN
         return ""
-    dies = f"dies out to a thousandth in {periods:.0f} periods" if np.isfinite(periods) else "never dies out"
-    sooner = f"; where faces touch, averages stand after some {TOUCHING_PERIODS}: keep more rather than discard more"
-    return f"what contact does not damp {dies}{sooner if touches else ''}"
+    advice = f"free motion is not damped and never decays{discarded}"
+    if np.isfinite(periods):
+        transient = f"{10 * np.ceil(periods / 10):.0f}"
+        advice = f"free motion needs {periods:.0f} periods to decay to 0.1 %{discarded}: add --transient {transient}"
+    sooner = f"; where faces touch, averages stand after some {TOUCHING_PERIODS} periods: rather keep more of them"
+    return f"{advice}{sooner if touches else ''}"
 
 
 def _rubs(scene: Scene) -> bool:
@@ -203,7 +200,7 @@ def _open_text(scenes: Scene, at: int) -> str:
 
 @kept()
 def _touching(scene: Scene) -> LinearContact:
-    return linear_contact(scene, touching_gradients(scene))
+    return linear_contact(scene)
 
 
 def default_state(scenes: Scene | SceneFile, method: MethodArgument) -> LinearState | None:

@@ -15,7 +15,7 @@ from jaxshroud.results.data_sheet import (
 from jaxshroud.scene.units import RPM
 
 COORDINATE_HEADS = ["", "natural [Hz]", "over the drive's", "zeta"]
-COORDINATE_HEADS += ["static", "free at drive", "at resonance", "free over gap"]
+COORDINATE_HEADS += ["static", "free at drive", "at resonance", "free amplitude / gap"]
 CONTACT_NAMES = {  # of natural modes
     "apart": "apart",
     "sliding": "faces sliding",
@@ -62,8 +62,8 @@ def shown_modes(sheet: DataSheet) -> list[NaturalMode]:
 
 def mode_rows(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
     """The head and the rows of a table of the natural modes, apart and in contact."""
-    heads = ["natural modes", "contact", "[Hz]", "over the drive's", "zeta", "x, y, theta [%]", "driven [%]"]
-    return heads, [
+    heads = ["natural modes", "contact", "[Hz]", "over the drive's", "zeta", "x, y, theta [%]"]
+    return [*heads, "share of the drive that excites it [%]"], [
         [
             mode.name,
             CONTACT_NAMES[mode.contact],
@@ -97,10 +97,10 @@ def crossing_rows(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
     Of a tuned ring it has only those of modes that the order excites, and of many those nearest to the scene's speed.
     A mode on which contact does not work has the frequency of free blades, and shares their row.
     """
-    heads = ["crossings", "contact", "engine order", "speed [rpm]", "margin [%]"]
-    rows = _crossings(sheet)
-    nearest = sorted(range(len(rows)), key=lambda i: abs(float(rows[i][-1])))[:MOST_CROSSINGS]
-    return heads, [rows[i] for i in sorted(nearest)]
+    heads = ["crossings", "contact", "engine order", "speed [rpm]", "the scene's speed"]
+    groups = _crossings(sheet)
+    nearest = sorted(range(len(groups)), key=lambda i: abs(groups[i][0].margin))[:MOST_CROSSINGS]
+    return heads, [_crossing_row(groups[i]) for i in sorted(nearest)]
 
 
 def left_out(sheet: DataSheet) -> str:
@@ -115,8 +115,8 @@ def left_out(sheet: DataSheet) -> str:
     return f"{', '.join(hidden)}; --out DIR writes all" if hidden else ""
 
 
-def _crossings(sheet: DataSheet) -> list[list[str]]:
-    """The rows of all crossings, in order of speed."""
+def _crossings(sheet: DataSheet) -> list[list[Crossing]]:
+    """All crossings, those that share a row together, in order of speed."""
     has_stuck = any(mode.contact == "stuck" for mode in sheet.modes)
     alike: dict[tuple[str, float, str], list[Crossing]] = {}
     for crossing in sheet.crossings:
@@ -125,7 +125,7 @@ def _crossings(sheet: DataSheet) -> list[list[str]]:
             motion = crossing.mode.partition(",")[0]
             speed = f"{crossing.speed * RPM:.5g}"
             alike.setdefault((speed, crossing.engine_order, motion), []).append(crossing)
-    return [_crossing_row(speed, crossings) for (speed, _, _), crossings in alike.items()]
+    return [*alike.values()]
 
 
 def lines_of(sheet: DataSheet) -> dict[str, str]:
@@ -138,7 +138,7 @@ def lines_of(sheet: DataSheet) -> dict[str, str]:
         "gap": f"{_gap_text(sheet)} mm; the free blades approach by {approach}",
         **({"static gap": f"{_texts_of(sheet.static_gaps, 1e3)} mm under the mean loads"} if sheet.static_gaps else {}),
         **({"settled motion": sheet.settled.words} if sheet.settled else {}),
-        **({"pressed": pressed} if (pressed := _pressed_text(sheet)) else {}),
+        **({"faces": faces} if (faces := _pressed_text(sheet)) else {}),
         "inertia": f"{_texts_of(sheet.inertia)} times that of a uniform block",
         "contact": f"gamma = k / k_x = {_texts_of(sheet.gammas) if sheet.gammas else f'{sheet.gamma:.4g}'}",
         "stiffest motion": f"{sheet.omega_max / math.tau:.5g} Hz; {sheet.steps} steps a period (auto, rk4)",
@@ -148,11 +148,13 @@ def lines_of(sheet: DataSheet) -> dict[str, str]:
     return lines | {f"advice {i}": text for i, text in enumerate(sheet.advice, 1)}
 
 
-def _crossing_row(speed: str, crossings: Sequence[Crossing]) -> list[str]:
+def _crossing_row(crossings: Sequence[Crossing]) -> list[str]:
     """The row of modes that an engine order meets at one speed: that of free blades gives its name."""
     first, *_ = sorted(crossings, key=lambda crossing: crossing.contact)
     contacts = dict.fromkeys(CONTACT_NAMES[crossing.contact] for crossing in (first, *crossings))
-    return [first.mode, ", ".join(contacts), f"{first.engine_order:g}", speed, f"{first.margin:+.1f}"]
+    share = abs(first.margin)
+    apart = f"{share:.{0 if share >= 10 else 1}f} % {'above' if first.margin > 0 else 'below'}"
+    return [first.mode, ", ".join(contacts), f"{first.engine_order:g}", f"{first.speed * RPM:.5g}", apart]
 
 
 def _harmonics_text(sheet: DataSheet) -> str:
@@ -163,7 +165,7 @@ def _harmonics_text(sheet: DataSheet) -> str:
 
 
 def _speed_text(sheet: DataSheet) -> str:
-    known = "" if sheet.is_own_order else ", taken as the scene tells none"
+    known = "" if sheet.is_own_order else ", taken as the scene has none"
     span = f"crossings from {sheet.start * RPM:.5g} to {sheet.stop * RPM:.5g} rpm"
     at_order = f"engine order {sheet.drive_order:g}{known}"
     growth = "with the stiffness of each speed" if sheet.over_speed else "without centrifugal stiffening"
@@ -175,13 +177,11 @@ def _pressed_text(sheet: DataSheet) -> str:
     pressed = sheet.over_speed.pressed if sheet.over_speed else ()
     if not pressed:
         return ""
-    ranges = " and ".join(f"{begin * RPM:.5g} to {end * RPM:.5g}" for begin, end in pressed)
-    crossings = f"from {ranges} rpm: crossings in contact there, apart elsewhere"
-    opens = pressed[-1][1]
-    if opens == sheet.stop:
-        return crossings
-    elsewhere = "the faces open, and the largest amplitude with contact may be at none of these crossings"
-    return f"{crossings}; above {opens * RPM:.5g} rpm {elsewhere}"
+    ranges = [f"{f'from {begin * RPM:.0f} ' if begin else ''}up to {end * RPM:.0f} rpm" for begin, end in pressed]
+    together = f"pressed together {' and '.join(ranges)}: stuck modes count there, modes apart elsewhere"
+    if pressed[-1][1] == sheet.stop:
+        return together
+    return f"{together}; once they open, the largest amplitude with contact may be at none of these crossings"
 
 
 def _table_row(sheet: DataSheet, name: str, coordinate: Coordinate, i: int) -> list[str]:

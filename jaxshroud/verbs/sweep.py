@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxshroud.batch.held_contact import LinearState, is_linear
 from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Plan, Progress, Ticker
 from jaxshroud.batch.runs import SweepHandover
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.io.lane_status import warn_failures
+from jaxshroud.linear.held_contact import LinearState, is_linear
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.model.prepared import State
 from jaxshroud.results.sweep import SweepResult, overlay_directions

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.batch.held_contact import is_linear
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.batch.plan import Plan, Runs, Ticker
 from jaxshroud.batch.runs import SweepHandover, continued_runs, independent_runs, stepping_method
@@ -18,6 +17,7 @@ from jaxshroud.batch.stepped_runs import in_float64
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.batch.zeno import zeno_warning
 from jaxshroud.io.scene_numbers import dimension
+from jaxshroud.linear.held_contact import is_linear
 from jaxshroud.march.accumulator import ContactTimes
 from jaxshroud.march.stability import steps_for
 from jaxshroud.model.linear import power_reduction

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from jaxshroud.batch.held_contact import LinearState
 from jaxshroud.batch.plan import Progress
 from jaxshroud.io.lane_status import LaneWarning, warn_failures
 from jaxshroud.io.variable import Attribute
+from jaxshroud.linear.held_contact import LinearState
 from jaxshroud.march.method_names import LARGEST_FIRST, RANKED_BY
 from jaxshroud.march.stability import lanes_that_auto_steps_follow
 from jaxshroud.model.modes import Status

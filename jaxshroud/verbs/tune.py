@@ -10,9 +10,9 @@ from typing import cast
 
 import numpy as np
 
-from jaxshroud.batch.held_contact import LinearState, is_linear
 from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Plan, Progress, Ticker
+from jaxshroud.linear.held_contact import LinearState, is_linear
 from jaxshroud.march.method import FOR_P_D, choices
 from jaxshroud.model.prepared import State
 from jaxshroud.results.tuned import DesignJudgement, Tuned

@@ -208,7 +208,7 @@ def test_help_has_an_example(verb, capsys):
         ("simulate table1 --set contact.width=1e-6 --out a.nc", ("[contact] width is for smooth contact",)),
         ("simulate table1 --set parts.fricton=none --out a.nc", ("[parts]", "`friction`")),
         ("sweep table1 --along contact.width --values 1e-6,2e-6 --out s", ("contact.width", "not smooth")),
-        ("plot .", ("neither sweep.nc nor power.json",)),
+        ("plot .", (". is empty; was the run interrupted?",)),
         ("convert . --out a.csv", (".: is a folder", "sweep.nc")),
         ("sweep table1 --along contact.gamma --values 1,2 --out=", ("--out", "is empty")),
         ("plot a.nc --width 9", ("--width", "a length is needed", "90mm")),
@@ -339,7 +339,7 @@ def test_each_method_has_its_own_limit_of_stability(tmp_path, capsys):
 
 def test_float64_is_not_lost_silently(table1):
     single = jax.tree.map(lambda a: a.astype("float32"), table1)
-    with pytest.raises(ValueError, match="Float64 is asked for"):
+    with pytest.raises(ValueError, match="Float64 is requested"):
         sweep(single, {"contact.gamma": [1.0, 2.0]}, n_periods=1, method=js.RungeKutta(steps=400), transient=0)
     with pytest.raises(ValueError, match="steps_per_period"):
         sweep(table1, {"contact.gamma": [1.0]}, n_periods=1, method=js.RungeKutta(steps=4), transient=0)

@@ -59,5 +59,7 @@ def test_a_time_is_told_in_words(capsys, monkeypatch, seconds, words):
     monkeypatch.setattr(projection, "cores", lambda: 2)
     projection.print_projection(20, 64, 2 * seconds, seconds)
     told = capsys.readouterr().err
-    assert f"of processor time, about {words} on 2 free cores, " in told
-    assert ":" not in told.partition("lanes:")[2]
+    assert f"20 runs: about {words} on 2 free cores, " in told
+    assert ":" not in told.partition("runs:")[2]
+    projection.print_projection(20, 64, seconds, None)  # elsewhere
+    assert f"20 runs: about {words} of processor time, " in capsys.readouterr().err

@@ -62,5 +62,5 @@ def test_a_long_sweep_of_rows_is_projected(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(projection, "LONG_ROW_STEPS", 0)
     words = ["sweep", "row_ring12", *RING, *HOW, "--along", "contact.gamma", "--values", "2,3", "--periods", "4"]
     assert cli.main([*words, "--transient", "2", "--out", str(tmp_path / "out")]) == 0
-    told = [line for line in capsys.readouterr().err.splitlines() if line.startswith("2 lanes: about ")]
-    assert "GiB of memory" in told[0]
+    told = [line for line in capsys.readouterr().err.splitlines() if line.startswith("2 runs: about ")]
+    assert "MiB of memory" in told[0]

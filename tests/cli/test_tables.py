@@ -7,7 +7,7 @@ from inspect import signature
 import pytest
 
 import jaxshroud as js
-from jaxshroud.cli.command_table import COMMANDS
+from jaxshroud.cli.command_table import COMMANDS, GROUPS
 from jaxshroud.cli.option_table import SHARED_OPTIONS
 
 RUN = {"n_periods", "transient"}  # arguments that the scene's [run] gives
@@ -30,6 +30,16 @@ def test_arguments_are_those_of_the_verb_and_come_from_options(name):
 def test_a_command_is_a_verb_or_has_a_function_of_its_own(name):
     module = COMMANDS[name].module
     assert hasattr(import_module(f"jaxshroud.cli.{module}"), f"{name}_command") if module else hasattr(js, name)
+
+
+def test_every_command_is_in_one_group():
+    assert sorted(name for names in GROUPS.values() for name in names) == sorted(COMMANDS)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_option_says_what_it_does(name):
+    options = [SHARED_OPTIONS[one] if isinstance(one, str) else one for one in COMMANDS[name].options]
+    assert not [option.name for option in options if not option.help]
 
 
 @pytest.mark.parametrize("name", COMMANDS)

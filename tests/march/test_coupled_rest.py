@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.equilibrium import static_equilibria
+from jaxshroud.linear.equilibrium import static_equilibria
 from jaxshroud.model.linear import static_position
 
 SPRINGS = ("coupling.k_x=2e4", "coupling.k_y=1e5", "coupling.c_x=1")

@@ -7,7 +7,7 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud import sweep as sweep_verb
-from jaxshroud.batch import marches, sampling, stepped_runs
+from jaxshroud.batch import sampling, stepped_runs, tangents
 from jaxshroud.model.prepared import initial_state
 from jaxshroud.orbits.shooting import CLOSING_TOLERANCE
 
@@ -27,15 +27,14 @@ def computed(monkeypatch):
     seen = set()
 
     def watched(run):
-        def call(scenes, states, *args):
+        def call(scenes, states, *args, **options):
             numbers = jax.tree.leaves((scenes, states))
             seen.update(str(a.dtype) for a in numbers if jnp.issubdtype(a.dtype, jnp.floating))
-            return run(scenes, states, *args)
+            return run(scenes, states, *args, **options)
 
         return call
 
-    flows = marches.PAIRS.flows
-    monkeypatch.setattr(marches, "PAIRS", marches.PAIRS._replace(flows=flows._replace(run=watched(flows.run))))
+    monkeypatch.setattr(tangents, "flow_with_tangents", watched(tangents.flow_with_tangents))
     monkeypatch.setattr(stepped_runs, "run_block", watched(stepped_runs.run_block))
     monkeypatch.setattr(sampling, "_block_of_samples", watched(sampling._block_of_samples))
     return seen
@@ -105,7 +104,7 @@ def test_a_map_of_periods_is_in_the_precision_of_its_method(scene):
 )
 def test_float64_is_refused_where_there_are_no_such_digits(scene, verb):
     single = jax.tree.map(lambda a: a.astype("float32"), scene)
-    with pytest.raises(ValueError, match="Float64 is asked for"):
+    with pytest.raises(ValueError, match="Float64 is requested"):
         verb(single)
 
 

@@ -10,9 +10,9 @@ from scipy.linalg import block_diag, eigh
 import jaxshroud as js
 from jaxshroud.batch.rows import lanes_last
 from jaxshroud.batch.xla import vmapped
+from jaxshroud.linear.mistuned import linear_systems, linear_waves
 from jaxshroud.model.blade import ElasticMotion
 from jaxshroud.model.linear import free_power, static_position, steady_amplitudes
-from jaxshroud.model.linear_systems import linear_systems, linear_waves
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Recorded
 from jaxshroud.model.row import prepared_row, row_rhs

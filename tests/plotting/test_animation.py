@@ -79,7 +79,7 @@ def test_what_cannot_be_made_is_told(tmp_path, monkeypatch):
         ("run.mp4", still(), "needs ffmpeg.*gif"),
         ("run.avi", still(), "ends in .gif or .mp4"),
         ("run.gif", run(3, every=25), "too few to show"),
-        ("run.gif", run(3, scene=""), "does not tell the shape"),
+        ("run.gif", run(3, scene=""), "does not hold the shape"),
     ):
         with pytest.raises(InputError, match=message):
             save_animation(ds, tmp_path / name)

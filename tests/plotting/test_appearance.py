@@ -38,7 +38,11 @@ def attractors(shares=(1.0,), kinds=None, **more):
     powers = {"P_d": P_d, "P_d_least": P_d, "P_d_most": P_d, "P_d_ci": 0 * P_d, "worst": 0}
     paths = {"path_x": size * np.cos(angle), "path_v_x": 1e3 * size * np.sin(angle), "gap": 2e-5}
     motion = Motion(*(at if name == "x" else 0 * at for name in Motion._fields))
-    told = {"kind": np.zeros(n, int) if kinds is None else np.array(kinds), "names": ["period 1"] * n, "motion": motion}
+    told = {
+        "kind": np.zeros(n, int) if kinds is None else np.array(kinds),
+        "names": [f"{chr(65 + i)}: period 1" for i in range(n)],
+        "motion": motion,
+    }
     data = xr.Dataset(attrs={"title": LONG})
     return SimpleNamespace(data=data, share=share, **ends, **powers, **paths, **told, label=np.zeros(8, int), **more)
 
@@ -196,16 +200,16 @@ def test_orbits_that_coincide_are_all_seen():
     above = sorted((one for one in paths if to_hex(one.get_color()) != to_hex(COLOURS[1])), key=paths.index)
     widths = [line.get_linewidth() for line in above]
     assert all(wide - narrow > 0.5 for wide, narrow in pairwise(widths))  # later ones are on top
-    marks = [line.get_markersize() for line in orbits.lines if len(line.get_xdata()) == 1]
-    assert all(large - small > 1 for large, small in pairwise(marks))
+    letters = [text.get_text() for text in orbits.texts]
+    assert letters == [chr(65 + i) for i in range(len(paths))]  # one at each point
 
 
 @pytest.mark.parametrize(("at", "explained"), [((0.0, 0.0), True), ((1e-3, 1.0), True), ((9e-3, 0.0), False)])
-def test_places_at_the_strobe_are_explained_where_they_are_shown(at, explained):
+def test_poincare_points_are_explained_where_they_are_shown(at, explained):
     figure = drawn(picture("basins", basins(at)))
     told = [text.get_text() for text in figure.legends[0].get_texts()]
     assert told[:4] == ["A: period 1", "B: period 1", "undecided", "stopped"]
-    assert (told[4:] == ["at the strobe"]) == explained == bool(figure.axes[0].lines)
+    assert (told[4:] == ["Poincaré point"]) == explained == bool(figure.axes[0].lines)
     assert to_hex(figure.legends[0].get_patches()[2].get_facecolor()) == PALE
 
 

@@ -9,7 +9,7 @@ import xarray as xr
 
 import jaxshroud as js
 from jaxshroud.plotting.pictures import picture
-from jaxshroud.plotting.plot_sweep import MOTION_COLOURS
+from jaxshroud.plotting.plot_sweep import MOTION_COLOURS, NOT_OVER
 from jaxshroud.plotting.style import STYLE, save_figure
 
 pytestmark = pytest.mark.full
@@ -232,18 +232,17 @@ def test_axis_labels(key, units, label, scale):
     np.testing.assert_allclose(panel.lines[0].get_xdata(), [scale, 2 * scale], rtol=1e-14)
 
 
-def test_unsure_powers_are_hollow():
+def test_unsure_powers_are_marked_by_shape():
     ds = gamma_sweep(40)
     panel = drawn(picture("sweep", ds)).axes[2]
     unsettled = ds["settled"] == 0
     aperiodic = (ds["period_number"] == 0) & ~unsettled
     marks = {line.get_label(): line for line in panel.lines[1:]}
-    assert list(marks) == ["aperiodic", "unsettled"]
-    for name, lanes in (("aperiodic", aperiodic), ("unsettled", unsettled)):
+    assert list(marks) == ["aperiodic", NOT_OVER]
+    for name, lanes in (("aperiodic", aperiodic), (NOT_OVER, unsettled)):
         assert 0 < lanes.sum() < 40
         np.testing.assert_array_equal(marks[name].get_xdata(), ds["gamma"][lanes])
-        assert marks[name].get_markerfacecolor() == "white"
-    assert marks["aperiodic"].get_marker() != marks["unsettled"].get_marker()
+    assert {line.get_marker() for line in marks.values()} == {"o", "x"}
 
 
 def test_unsettled_lanes_are_not_called_aperiodic():
@@ -251,10 +250,10 @@ def test_unsettled_lanes_are_not_called_aperiodic():
     ds["period_number"][:] = 0
     ds["settled"][:] = [1, 1, 1, 1, 1, 0, 0, 0, 0]
     samples, strip, _ = drawn(figure := picture("sweep", ds)).axes
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["aperiodic", "unsettled"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["aperiodic", NOT_OVER]
     edge = float(ds["gamma"][4])
     colours = {line.get_color(): line.get_xdata() for line in samples.lines if line.get_xdata().size}
-    assert colours[MOTION_COLOURS["aperiodic"]].max() == edge < colours[MOTION_COLOURS["unsettled"]].min()
+    assert colours[MOTION_COLOURS["aperiodic"]].max() == edge < colours[MOTION_COLOURS[NOT_OVER]].min()
     assert len(np.unique(strip.collections[0].get_facecolors(), axis=0)) == 2
     ds["period_number"][:] = 1  # a period number that was found is shown
     assert [text.get_text() for text in picture("sweep", ds).legends[0].get_texts()] == ["period 1"]

@@ -115,3 +115,27 @@ def test_a_stored_diagram_is_that_of_the_result(tmp_path):
     xr.testing.assert_identical(again.data, result.data)
     assert again.plot(width=180).get_figwidth() == pytest.approx(180 / 25.4)
     assert len(again.plot(panel="frequency").axes) == 1
+
+
+def test_a_wheel_has_bands_with_their_ends():
+    # 31 nodal diameters are a band with two lines, its ends, and their numbers; those of a pair are single lines.
+    modes = [mode("apart", "x", f"nodal diameter {n}", 100.0 + n) for n in range(31)]
+    axes = axes_of(modes=modes)
+    level = [
+        float(line.get_ydata()[0]) for line in axes.lines if len(line.get_xdata()) and not np.ptp(line.get_ydata())
+    ]
+    assert {100.0, 130.0} <= set(level)
+    assert 115.0 not in level
+    told = texts(axes.figure)
+    assert all(words in told for words in ("ND 0", "ND 30", "bending along x"))
+    assert len(axes.collections) == 1
+    assert not axes_of().collections
+
+
+def test_all_orders_of_the_drive_are_bold():
+    speeds = {"speed": 1450 * RPM, "start": 0.0, "stop": 2000 * RPM, "drive_order": 4.0}
+    figure = picture("campbell", Campbell.of_modes(MODES, (2.0, 4.0, 8.0), speeds, harmonics=(1, 2)).data)
+    drawn(figure)
+    (axes,) = figure.axes
+    assert {text.get_text() for text in axes.texts if text.get_weight() == "bold"} == {"4", "8"}
+    assert "orders 4 and 8, the drive's" in texts(figure)

@@ -34,6 +34,7 @@ def test_what_is_saved_is_what_is_opened(name, results, tmp_path):
     result = results[name]
     result.save(tmp_path / "a.nc")
     again = js.open(tmp_path / "a.nc")
+    assert js.open(tmp_path).data.identical(again.data)  # the folder of a command
     assert type(again) is type(result)
     assert repr(again) == repr(result)
     for number in result.variables:

@@ -37,7 +37,7 @@ def test_summaries_tell_how_lanes_ended_and_from_which_scene():
     run = VERBS["trajectory"]().summary()
     assert run["status"] == {"OK": 1}
     assert run["scene"] == SCENE.text({"periods": 3, "steps_per_period": 200}) or "gamma" in run["scene"]
-    assert VERBS["sweep"]().summary()["lanes"] == 2
+    assert VERBS["sweep"]().summary()["runs"] == 2
 
 
 def test_all_kinds_have_what_results_have():

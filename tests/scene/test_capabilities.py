@@ -12,7 +12,7 @@ from jaxshroud.scene.layout import CAPABILITIES, LIMITED, NO_CONTACT, PAIR, hold
 
 LAYOUTS = {"pair": PAIR, "chain": row_layout(3, False), "ring": row_layout(3, True)}
 SCENES = {"pair": "row_chain5", "pair so far": "row_chain5", "rows": "table1"}  # without what a holder has
-PAGE = Path(__file__).parents[2] / "docs" / "row.md"
+PAGE = Path(__file__).parents[2] / "docs" / "row_measured.md"
 NEEDS = {
     "fit": ["data.csv", "--over", "blades.c_x=1:9"],
     "mistune": ["--along", "drive.omega", "--start", "500", "--stop", "600"],

@@ -13,7 +13,7 @@ from jaxshroud.march.method import FAST, FOR_P_D, Taylor, choices
 from jaxshroud.model.linear import free_power
 from jaxshroud.scene.scene import without_given
 from jaxshroud.signals.averages import Positions, averages, square_about_mean
-from jaxshroud.signals.effects import difference_text
+from jaxshroud.signals.effects import mean_shift_text
 from jaxshroud.verbs.gradient import differences
 
 PRESSED = """
@@ -70,7 +70,7 @@ def stuck_reduction(scene) -> float:
 
 @pytest.mark.release
 @pytest.mark.full
-def test_a_static_deflection_is_no_vibration(pressed):
+def test_a_mean_shift_is_no_vibration(pressed):
     # Stuck, the pair is linear: x rests at its static deflection, y vibrates with k_d as a spring. The transient leaves
     # exp(-c_x/2 200 T) of itself. P_d of Eq. (22) is 60 points lower, which the means within each period would not be.
     scene = pressed()
@@ -179,8 +179,8 @@ def test_the_derivative_of_the_vibration_is_exact(pressed):
     assert of_P_d.level == pytest.approx(-46.3774, abs=1e-3)
     assert abs(of_P_d.value["shroud.gap"] / exact.value["shroud.gap"] - 1) > 0.1
     assert of_P_d.P_d_vibration == pytest.approx(exact.level, abs=1e-9)
-    assert "P_d counted" in of_P_d.static_deflection
-    assert "P_d_vibration counted" in exact.static_deflection
+    assert "--of P_d_vibration counts that" in of_P_d.mean_shift
+    assert "P_d_vibration counted" in exact.mean_shift
 
 
 NEAR = {"start": 0.49, "stop": 0.5, "most_points": 3}
@@ -213,12 +213,14 @@ def test_the_vibration_can_be_tuned(pressed):
     small = {"search": js.SearchOptions(4, 1, 1), "of": "P_d_vibration"}
     found = js.tune(pressed(), {"friction.mu": (0.2, 0.5)}, **small, **run)
     assert found.level == pytest.approx(found.best_P_d_vibration[0], abs=1e-9)
-    assert "P_d_vibration counted" in found.static_deflection
+    assert "P_d_vibration counted" in found.mean_shift
 
 
 def test_what_differs_is_told():
-    assert difference_text(39.3, 99.9, "P_d").endswith("P_d counted")
-    assert difference_text(39.3, 39.9) == difference_text(39.3, None) == difference_text(np.nan, np.nan) == ""
+    said = mean_shift_text(39.3, 99.9, option="--of ")
+    assert "39.3 % where vibration alone is reduced by 99.9 %; --of P_d_vibration counts that" in said
+    assert "99.9 % (the largest difference, run 1); P_d" in mean_shift_text([1.0, 39.3], [1.5, 99.9])
+    assert mean_shift_text(39.3, 39.9) == mean_shift_text(39.3, None) == mean_shift_text(np.nan, np.nan) == ""
 
 
 PERIOD_7 = [

@@ -16,9 +16,9 @@ import jax
 import numpy as np
 
 import jaxshroud as js
-from jaxshroud.batch.held_contact import held_contact
-from jaxshroud.batch.linear_motion import linear_motions
-from jaxshroud.batch.linear_transient import outlasts_transient
+from jaxshroud.linear.held_contact import held_contact
+from jaxshroud.linear.linear_motion import linear_motions
+from jaxshroud.linear.linear_transient import outlasts_transient
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.verbs.settled import in_state

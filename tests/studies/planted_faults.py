@@ -160,9 +160,9 @@ FAULTS = {
         ROWS,
     ),
     "the springs of a matrix": Fault(
-        "model/coupling.py",
-        ".at[right, right].add(k)\n        return",
-        ".at[left, right].add(k)\n        return",
+        "model/linear_system.py",
+        "whole + D.T @ (k.reshape",
+        "whole + abs(D).T @ (k.reshape",
         "model/test_coupling.py verbs/test_linear_rows.py",
     ),
     # numbers of results

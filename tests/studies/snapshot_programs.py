@@ -231,9 +231,9 @@ def programs_kept() -> Iterator[None]:
 
 def row_tangents(scene: js.Scene, how: Any) -> tuple[Any, ...]:
     """A period of a row with the tangents that Newton's method and gradients take."""
-    from jaxshroud.batch.flows import as_differentiable
+    from jaxshroud.batch.flows import as_differentiable, flow_with_tangents
     from jaxshroud.batch.periods import one_call
-    from jaxshroud.batch.rows import ROW_FLOWS
+    from jaxshroud.batch.rows import ROW_FLOWS, ROW_KERNELS
     from jaxshroud.batch.states import initial_states
     from jaxshroud.batch.tangents import TangentProblem, direction
     from jaxshroud.batch.xla import best_mapping
@@ -245,7 +245,8 @@ def row_tangents(scene: js.Scene, how: Any) -> tuple[Any, ...]:
 
     def flow(scenes: Any, states: Any) -> Any:
         begin = ROW_FLOWS.begin(scenes, states, method)
-        end, _ = ROW_FLOWS.run(scenes, begin, one_call(1), jnp.int32(STEPS), None, method, best_mapping())
+        how = jnp.int32(STEPS), jnp.asarray(method.flat_return), None, method, best_mapping(), ROW_KERNELS
+        end, _ = flow_with_tangents(scenes, begin, one_call(1), *how)
         return ROW_FLOWS.end(scenes, end, jnp.int32(1), None)
 
     return flow, *duals

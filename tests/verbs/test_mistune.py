@@ -309,9 +309,9 @@ def test_a_pattern_with_a_lane_that_stopped_is_left_out(monkeypatch):
     assert found.quantile[0, 0, 1] == pytest.approx(np.nanmedian(found.amplification))
     assert any("left out" in line for line in found.messages)
     assert found.unjudged == 5
-    advice = "5 lanes: too few periods to judge an aperiodic motion; keep at least 96 (--periods 96)"
+    advice = "5 runs: too few periods to judge an aperiodic motion; keep at least 96 (--periods 96)"
     assert advice in found.messages
-    drifting = f"{found.unsettled - 5} lanes are not known to be settled: take a longer transient"
+    drifting = f"the transient of {found.unsettled - 5} runs is perhaps not over: give a longer --transient"
     assert (drifting in found.messages) is (found.unsettled > 5)
 
 

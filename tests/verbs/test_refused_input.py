@@ -474,7 +474,7 @@ def test_plot_draws_a_tuning(capsys, tmp_path):
 def test_plot_says_what_has_no_picture(capsys, tmp_path):
     (tmp_path / "a.json").write_text('{"of": "P_d", "kind": "periodic", "level": 1.0}')
     assert "holds derivatives" in refused(capsys, "plot", tmp_path / "a.json")
-    (tmp_path / "a.json").write_text('{"lanes": 3, "period numbers": {}}')
+    (tmp_path / "a.json").write_text('{"runs": 3, "motions": {}}')
     assert "summary of a sweep" in refused(capsys, "plot", tmp_path / "a.json")
 
 

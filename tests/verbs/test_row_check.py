@@ -102,12 +102,10 @@ def test_faces_that_open_with_speed_are_told_with_the_speed():
     # The interfaces of a ring of alike blades are pressed while their gap is negative: it is -5 um + 25 um (n / 900)^2
     # at n rpm, up to 900 / sqrt(5) rpm.
     untwist = ["shroud.gap=-5um", "shroud.gap_at=20um", "shroud.gap_at_speed=900 rpm", 'parts.motion=["x"]']
-    ring, opens = js.load("row_ring12", [*RING, *untwist]), f"{900 / np.sqrt(5):.5g} rpm"
-    told = lines_of(js.check(ring))["pressed"]
-    assert told.startswith(
-        f"from 0 to {opens}: crossings in contact there, apart elsewhere; above {opens} the faces open"
-    )
+    ring, opens = js.load("row_ring12", [*RING, *untwist]), f"{900 / np.sqrt(5):.0f} rpm"
+    told = lines_of(js.check(ring))["faces"]
+    assert told.startswith(f"pressed together up to {opens}: stuck modes count there, modes apart elsewhere; once")
     assert "the largest amplitude with contact may be at none of these crossings" in told
     # Control: of faces that are pressed up to the end of the range nothing more is said.
-    told = lines_of(js.check(ring, stop=400 / RPM))["pressed"]
-    assert told == "from 0 to 400 rpm: crossings in contact there, apart elsewhere"
+    told = lines_of(js.check(ring, stop=400 / RPM))["faces"]
+    assert told == "pressed together up to 400 rpm: stuck modes count there, modes apart elsewhere"

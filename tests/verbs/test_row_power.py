@@ -49,7 +49,7 @@ def test_a_row_tells_its_losses_and_no_equivalents(powers, tmp_path):
     told = f"Of the drive's work {share:.3g} % is lost in friction, {100 - share:.3g} % in the dampers."
     assert one.mechanism == told
     assert pair.lane(1).mechanism.startswith("Of the drive's work")
-    with pytest.raises(ValueError, match="The mechanism is told of one scene of many: choose it by `lane`"):
+    with pytest.raises(ValueError, match="The mechanism is that of one scene of many: choose it by `lane`"):
         _ = pair.mechanism
     assert one.summary()["final"]["P_d_worst"] == row.final_P_d_worst[1]
     assert one.summary()["equivalent"]["work_drive"] == row.work_drive[1]

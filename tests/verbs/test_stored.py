@@ -386,7 +386,7 @@ def test_an_accuracy_is_kept_and_what_misses_it_is_marked(words, tmp_path):
     assert found.accuracy.startswith("accuracy 1e-03")
     assert found.inaccurate.shape == found.P_d.shape
     summary = json.loads((tmp_path / "s" / "summary.json").read_text())
-    assert summary["inaccurate"] == found.inaccurate.sum()
+    assert summary["inaccurate"]["runs"] == found.inaccurate.sum()
 
 
 def test_an_interrupted_command_says_how_to_go_on(words, tmp_path, capsys, monkeypatch, whole):
@@ -435,10 +435,10 @@ def test_scenes_and_numbers_without_samples_are_stored_too(scene, tmp_path):
 def test_a_long_run_says_first_what_it_will_take(words, capsys, monkeypatch, long, told):
     monkeypatch.setattr(projection, "LONG_RUN_STEPS", long)
     assert cli.main(words) == 0
-    line = [line for line in capsys.readouterr().err.splitlines() if line.startswith("200 lanes: about ")]
+    line = [line for line in capsys.readouterr().err.splitlines() if line.startswith("200 runs: about ")]
     assert bool(line) == told
     if told:
-        assert "GiB of memory" in line[0]
+        assert "MiB of memory" in line[0]
         assert line[0].endswith("sweep.zarr")
 
 

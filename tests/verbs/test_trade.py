@@ -222,7 +222,7 @@ def test_what_all_settings_have_wrong_is_marked():
 def test_who_asks_for_an_accuracy_in_python_is_warned_of_lanes_that_miss_it(table1, monkeypatch):
     wrong = Choice(1e-8, Setting("rk4", "cubic", "float64", 1.0), 100, True)
     monkeypatch.setattr(plan, "choose", lambda *_, **__: wrong)
-    with pytest.warns(js.AccuracyWarning, match="1 of 1 runs miss the accuracy of 1e-08"):
+    with pytest.warns(js.AccuracyWarning, match="1 of 1 runs may miss the accuracy of 1e-08"):
         js.simulate(table1, n_periods=1, method=1e-8)
     with pytest.warns(js.AccuracyWarning, match="1 of 1"):
         js.power(table1, n_periods=4, transient=0, method=1e-8)

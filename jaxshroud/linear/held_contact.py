@@ -5,17 +5,17 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from jaxshroud.batch.equilibrium import (
+from jaxshroud.linear.equilibrium import (
     PRESSED,
     ContactState,
-    directions,
     friction_free,
+    held_directions,
     least_energy_equilibria,
     of_alike_at_rest,
     position_in,
     springs_of,
 )
-from jaxshroud.batch.load_path import loaded_equilibria
+from jaxshroud.linear.load_path import loaded_equilibria
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.scene.other_parts import with_parts
 from jaxshroud.scene.scene import Scene, without_given
@@ -30,7 +30,7 @@ class HeldContact(NamedTuple):
     mode: Any  # (lanes, interfaces, points)
     case: Any  # (lanes, interfaces)
     u_s: Any  # (lanes, interfaces, points) [m]
-    rigid: Any  # (lanes, 3 blades, 3 blades) directions in which the blocks can move, see `directions`
+    rigid: Any  # (lanes, 3 blades, n) directions in which the blocks can move, see `directions`
     at_rest: Any  # (lanes,) the least normal force [N], or gap [m]: no motion keeps the state where it is not positive
 
 
@@ -65,7 +65,7 @@ def _stuck_after_loads(scenes: Scene) -> HeldContact:
         mode=stuck.mode,
         case=stuck.case,
         u_s=stuck.u_s,
-        rigid=directions(springs, stuck),
+        rigid=held_directions(springs, stuck),
         at_rest=_least(N),
     )
 
@@ -90,7 +90,7 @@ def _contact_held_in(scenes: Scene, state: LinearState) -> HeldContact:
             mode=apart.mode,
             case=apart.case,
             u_s=apart.u_s,
-            rigid=directions(springs, apart),
+            rigid=held_directions(springs, apart),
             at_rest=_least(-at.open_v),
         )
     case, q = np.full(shape, 4, np.int32), np.zeros((shape[0], 3, layout.blades))
@@ -103,4 +103,4 @@ def _contact_held_in(scenes: Scene, state: LinearState) -> HeldContact:
     contact = ContactState(np.full_like(apart.mode, PRESSED), case, apart.u_s)
     q, at = position_in(scenes, springs, contact, q)
     stuck = np.full_like(contact.mode, Mode.STICK)
-    return HeldContact(q, stuck, case, at.u, directions(springs, contact), _least(at.N))
+    return HeldContact(q, stuck, case, at.u, held_directions(springs, contact), _least(at.N))

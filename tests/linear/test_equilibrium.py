@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.equilibrium import static_equilibria
+from jaxshroud.linear.equilibrium import static_equilibria
 from jaxshroud.scene.checks import KeyNameError
 from jaxshroud.scene.config import parse
 

@@ -5,8 +5,8 @@ from typing import cast
 import jax
 import numpy as np
 
-from jaxshroud.batch.held_contact import LinearState, held_contact
-from jaxshroud.batch.linear_motion import LinearMotion, linear_motions, linear_tangents
+from jaxshroud.linear.held_contact import LinearState, held_contact
+from jaxshroud.linear.linear_motion import LinearMotion, linear_motions, linear_tangents
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.sector import has_period_of_blades, smaller_ring, smallest_ring
 

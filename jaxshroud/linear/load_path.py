@@ -7,12 +7,12 @@ together.
 """
 
 from collections.abc import Generator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
 
-from jaxshroud.batch.equilibrium import (
+from jaxshroud.linear.equilibrium import (
     CHANGES_AT_ONCE,
     MOST_CHANGES,
     NUMBERS_AT_ONCE,
@@ -31,8 +31,9 @@ from jaxshroud.batch.equilibrium import (
     springs_of,
     static_equilibria,
     unbalanced,
+    with_float64,
 )
-from jaxshroud.batch.path_guards import (
+from jaxshroud.linear.path_guards import (
     PathGuards,
     Placed,
     Rubbing,
@@ -73,17 +74,12 @@ def loaded_equilibria(scenes: Scene) -> Equilibrium:
     The path begins in the static equilibrium without mean loads and without friction, with the sliders where the faces
     then are. A lane has NaN where its path cannot be followed, as where blades snap.
     """
-    return of_alike_at_rest(_in_pieces, jax.tree.map(_in_float64, without_given(scenes)))
+    return of_alike_at_rest(_in_pieces, jax.tree.map(with_float64, without_given(scenes)))
 
 
 def start_equilibria(scenes: Scene) -> Equilibrium:
     """The equilibria in which scenes (leading axis) with a static start begin, see `Scene.start`."""
     return loaded_equilibria(scenes) if scenes.start == "from rest" else static_equilibria(scenes)
-
-
-def _in_float64(a: Any) -> np.ndarray:
-    """A number of a scene; in float32 events would be told apart too coarsely."""
-    return np.asarray(a, float if np.issubdtype(np.asarray(a).dtype, np.floating) else None)
 
 
 def _in_pieces(scenes: Scene) -> Equilibrium:
@@ -148,7 +144,7 @@ def _answers(trials: list[Trial], scenes: Scene, springs: Springs) -> list[Place
         at = contact_at(scenes, q, contact)
     rate = displacements_under(np.where(springs.moves, springs.load, 0.0), springs, contact, at)
     passed = passed_on(springs, contact, unbalanced(loaded, at, q))
-    at = jax.tree.map(_in_float64, at._replace(end_torques=at.end_torques + passed[..., None]))
+    at = jax.tree.map(with_float64, at._replace(end_torques=at.end_torques + passed[..., None]))
     lost = np.isnan([q, rate]).any(axis=(0, 2, 3))
     placed = [Placed(float(share[i]), q[i], rate[i], trial.contact, _lane(at, i)) for i, trial in enumerate(trials)]
     return [None if gone else one for one, gone in zip(placed, np.atleast_1d(lost), strict=True)]

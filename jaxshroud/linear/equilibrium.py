@@ -13,9 +13,16 @@ import jax
 import numpy as np
 
 from jaxshroud.activity import counted
+from jaxshroud.linear.resting_contact import RestingContact, resting_contact
+from jaxshroud.model.linear_system import (
+    ReducedSystem,
+    directions,
+    free_system,
+    mean_loads,
+    moving_coordinates,
+    solutions,
+)
 from jaxshroud.model.modes import FLAT, Mode
-from jaxshroud.model.resting_contact import RestingContact, resting_contact
-from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import FloatArray
 
@@ -34,7 +41,7 @@ SAME = 1e-9  # of the largest displacement: equilibria that differ by less are o
 class Springs(NamedTuple):
     """The blades of lanes and what loads them, (lanes, 3 blades)."""
 
-    stiffness: FloatArray
+    stiffness: FloatArray  # (lanes, 3 blades, 3 blades)
     load: FloatArray
     moves: np.ndarray  # (3 blades,)
     closed: bool
@@ -66,14 +73,18 @@ class Equilibrium(NamedTuple):
 
 def springs_of(scenes: Scene) -> Springs:
     """The blades of scenes (leading axis) under their mean loads."""
-    arrays: Scene = jax.tree.map(np.asarray, scenes)
-    b, mean = arrays.mistuned_blades, arrays.drive.harmonics().get(0)
-    count = arrays.layout.blades
-    moves = np.array([arrays.parts.has(name, min(i, 1)) for name in COORDINATES for i in range(count)])
-    stiffness = np.concatenate([b.k_x, b.k_y, b.k_T], axis=-1).astype(float)
-    loads = np.zeros_like(stiffness) if mean is None else np.concatenate([mean.F_x, mean.F_y, mean.M_0], axis=-1)
-    closed = arrays.row is not None and arrays.row.closed
-    return Springs(stiffness, np.where(moves, loads, 0.0), moves, closed)
+    arrays: Scene = jax.tree.map(with_float64, scenes)
+    return Springs(
+        stiffness=free_system(arrays).stiffness,
+        load=mean_loads(arrays),
+        moves=moving_coordinates(arrays),
+        closed=arrays.layout.closed,
+    )
+
+
+def with_float64(a: Any) -> np.ndarray:
+    """A number of a scene; in float32 events would be told apart too coarsely."""
+    return np.asarray(a, float if np.issubdtype(np.asarray(a).dtype, np.floating) else None)
 
 
 def friction_free(scenes: Scene) -> Scene:
@@ -144,7 +155,7 @@ def equilibria_under(springs: Springs, scenes: Scene) -> Equilibrium:
 
 
 def _without_contact(springs: Springs) -> Equilibrium:
-    q = np.where(springs.moves, springs.load / springs.stiffness, 0.0).reshape(len(springs.load), 3, -1)
+    q = solutions(springs.stiffness, springs.load).reshape(len(springs.load), 3, -1)
     lanes, none = len(q), np.zeros((len(q), 0, 1))
     contact = ContactState(none.astype(np.int32), none[..., 0].astype(np.int32), none)
     energy = -np.sum(springs.load * q.reshape(lanes, -1), axis=1) / 2
@@ -201,9 +212,9 @@ def equilibrium_at(
 ) -> Equilibrium:
     """The equilibrium of lanes at positions in a state of contact; NaN where they are not `settled`."""
     lost = np.isnan(q).any(axis=(1, 2)) | ~settled
-    forces = unbalanced(springs, at, q)
-    residual = np.abs(_reduced(springs, contact, forces)).max(axis=1) / np.maximum(_largest(springs, at, q), 1e-300)
-    work = np.sum((springs.stiffness * q.reshape(len(q), -1) / 2 - springs.load) * q.reshape(len(q), -1), axis=1)
+    left_over = _reduction(springs, contact).over(unbalanced(springs, at, q))
+    residual = np.abs(left_over).max(axis=1) / np.maximum(_largest(springs, at, q), 1e-300)
+    work = np.sum((_elastic(springs, q) / 2 - springs.load) * q.reshape(len(q), -1), axis=1)
     q = np.where(lost[:, None, None], np.nan, q)
     return Equilibrium(q, settled.astype(int), contact, at, work + at.energy.sum(axis=1), residual)
 
@@ -224,21 +235,9 @@ def position_in(
 
 def displacements_under(r: FloatArray, springs: Springs, contact: ContactState, at: RestingContact) -> FloatArray:
     """The displacements (lanes, 3, blades) by further forces (lanes, 3 blades), in the state of contact as it is."""
-    rigid = directions(springs, contact) if np.any(contact.case == FLAT) else None
-    K, step = _stiffness(springs, at), np.zeros(r.shape)
-    moves = np.flatnonzero(springs.moves)
-    if rigid is None:
-        K, r = K[:, moves[:, None], moves], r[:, moves]
-    else:
-        idle = np.eye(rigid.shape[-1]) * ~np.any(rigid, axis=1)[:, None, :]
-        K, r = np.swapaxes(rigid, 1, 2) @ K @ rigid + idle, (np.swapaxes(rigid, 1, 2) @ r[..., None])[..., 0]
-    usable = np.all(np.isfinite(K), axis=(1, 2))
-    y = np.linalg.solve(np.where(usable[:, None, None], K, np.eye(K.shape[-1])), r[..., None])
-    if rigid is None:
-        step[:, moves] = y[..., 0]
-    else:
-        step = (rigid @ y)[..., 0]
-    return np.where(usable[:, None], step, np.nan).reshape(len(r), 3, -1)
+    blocks = _reduction(springs, contact)
+    y = solutions(blocks.reduced(springs.stiffness - at.load_q), blocks.over(r))
+    return blocks.expanded(y).reshape(len(r), 3, -1)
 
 
 def contact_at(scenes: Scene, q: FloatArray, contact: ContactState) -> RestingContact:
@@ -248,59 +247,28 @@ def contact_at(scenes: Scene, q: FloatArray, contact: ContactState) -> RestingCo
     return jax.tree.map(np.asarray, held)
 
 
-def coordinates_at(blades: int, interfaces: int) -> np.ndarray:
-    """The places (interfaces, 6) of the coordinates of each interface among those of all blades."""
-    left = np.arange(interfaces)
-    right = (left + 1) % blades
-    return np.stack([row * blades + side for row in range(3) for side in (left, right)], axis=1)
-
-
 def unbalanced(springs: Springs, at: RestingContact, q: FloatArray) -> FloatArray:
     """The sum of the forces on each coordinate, (lanes, 3 blades)."""
-    total = springs.load - springs.stiffness * q.reshape(len(q), -1)
-    places = coordinates_at(springs.blades, at.load.shape[1])
-    for j, own in enumerate(places):
-        total[:, own] += at.load[:, j]
-    return np.where(springs.moves, total, 0.0)
+    return np.where(springs.moves, springs.load - _elastic(springs, q) + at.load, 0.0)
+
+
+def _elastic(springs: Springs, q: FloatArray) -> FloatArray:
+    """The forces (lanes, 3 blades) that the springs of and between the blades hold."""
+    return (springs.stiffness @ q.reshape(len(q), -1, 1))[..., 0]
 
 
 def _largest(springs: Springs, at: RestingContact, q: FloatArray) -> FloatArray:
     """The largest force on a coordinate of each lane, forces and moments alike (lanes,)."""
-    elastic = np.abs(springs.stiffness * q.reshape(len(q), -1)).max(axis=1)
-    return np.maximum(elastic, np.maximum(np.abs(springs.load).max(axis=1), np.abs(at.load).max(axis=(1, 2))))
+    return np.abs([_elastic(springs, q), springs.load, at.load]).max(axis=(0, 2))
 
 
-def _stiffness(springs: Springs, at: RestingContact) -> FloatArray:
-    """The stiffness of blades and contact, (lanes, 3 blades, 3 blades)."""
-    K = springs.stiffness[:, :, None] * np.eye(springs.stiffness.shape[1])
-    for j, own in enumerate(coordinates_at(springs.blades, at.load.shape[1])):
-        K[:, own[:, None], own] -= at.load_q[:, j]
-    return K
+def held_directions(springs: Springs, contact: ContactState) -> FloatArray:
+    """The directions in which the blocks can move, see `directions`."""
+    return directions(springs.moves, np.equal(contact.case, FLAT), springs.closed)
 
 
-def directions(springs: Springs, contact: ContactState) -> FloatArray:
-    """The directions in which the blocks can move, as columns (lanes, 3 blades, 3 blades); 0 for one that is none.
-
-    Blocks whose faces are flat on each other turn together.
-    """
-    n, lanes = springs.blades, len(contact.case)
-    first = np.tile(np.arange(n), (lanes, 1))
-    for _ in range(2 if springs.closed else 1):
-        for j in range(contact.case.shape[1]):
-            flat, right = contact.case[:, j] == FLAT, (j + 1) % n
-            low, high = np.minimum(first[:, j], first[:, right]), np.maximum(first[:, j], first[:, right])
-            joined = flat[:, None] & (first == high[:, None])
-            first = np.where(joined, low[:, None], first)
-    free = np.zeros((lanes, 3 * n, 3 * n))
-    free[:, np.arange(2 * n), np.arange(2 * n)] = 1.0
-    rows = np.arange(lanes)[:, None], 2 * n + np.arange(n)[None], 2 * n + first
-    free[rows] = 1.0
-    return free * springs.moves[None, :, None]
-
-
-def _reduced(springs: Springs, contact: ContactState, forces: FloatArray) -> FloatArray:
-    """The forces on the directions in which the blocks can move."""
-    return (np.swapaxes(directions(springs, contact), 1, 2) @ forces[..., None])[..., 0]
+def _reduction(springs: Springs, contact: ContactState) -> ReducedSystem:
+    return ReducedSystem(held_directions(springs, contact))
 
 
 def passed_on(springs: Springs, contact: ContactState, forces: FloatArray) -> FloatArray:

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.held_contact import held_contact
-from jaxshroud.batch.linear_motion import linear_motions
-from jaxshroud.batch.linear_sector import settled_linear_motions
 from jaxshroud.cli import commands as cli
+from jaxshroud.linear.held_contact import held_contact
+from jaxshroud.linear.linear_motion import linear_motions
+from jaxshroud.linear.linear_sector import settled_linear_motions
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.checks import InputError
 from jaxshroud.verbs.settled import in_state

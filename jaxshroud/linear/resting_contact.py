@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from jaxshroud.cache.programs import kept
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.contact_law import SummedForces
-from jaxshroud.model.coupling import static_coupling
 from jaxshroud.model.geometry import FaceKinematics, contact_kinematics, natural_case, pose
+from jaxshroud.model.linear_system import coordinates_at, over_blades
 from jaxshroud.model.prepared import Model, State, has_torsion, prepared_model, touches_at_corners
 from jaxshroud.model.rhs import loaded_contact, torques_along_face
 from jaxshroud.model.row import pair_at
@@ -23,21 +23,21 @@ CASES_OF_CORNERS: tuple[Any, ...] = 2, 4  # cases in which the upper and the low
 class RestingContact(NamedTuple):
     """Contact at the interfaces of lanes, arrays (lanes, interfaces, ...) in SI units.
 
-    Coordinates of an interface are x, y and theta of its two blocks: (x_l, x_r, y_l, y_r, theta_l, theta_r).
+    Coordinates are those of all blades, x, then y, then theta.
     """
 
-    load: Any  # (..., 6) force of contact on each coordinate
-    load_q: Any  # (..., 6, 6) its derivatives by the coordinates
+    load: Any  # (lanes, 3 blades) force of contact on each coordinate
+    load_q: Any  # (lanes, 3 blades, 3 blades) its derivatives by the coordinates
     N: Any  # (..., points) normal force, as the next three of each point, or of the corner
     F: Any  # (..., points) friction force
     v: Any  # (..., points) penetration in the state's case
     u: Any  # (..., points) slide
-    N_q: Any  # (..., points, 6) derivatives by the coordinates, as the next
-    F_q: Any  # (..., points, 6)
-    v_q: Any  # (..., points, 6)
-    u_q: Any  # (..., points, 6)
+    N_q: Any  # (..., points, 3 blades) derivatives by the coordinates, as the next
+    F_q: Any  # (..., points, 3 blades)
+    v_q: Any  # (..., points, 3 blades)
+    u_q: Any  # (..., points, 3 blades)
     open_v: Any  # (..., corners) penetration of the upper and the lower corners, or of each point
-    open_v_q: Any  # (..., corners, 6)
+    open_v_q: Any  # (..., corners, 3 blades)
     natural_v: Any  # (...,) penetration in the natural case
     natural: Any  # (...,) the case that the position has by itself
     turn: Any  # (...,) theta_l - theta_r
@@ -61,33 +61,25 @@ def resting_contact(scenes: Scene, q: Any, mode: Any, case: Any, u_s: Any) -> Re
 
 def resting_contact_of(scene: Scene, q: Any, mode: Any, case: Any, u_s: Any) -> RestingContact:
     """`resting_contact` of one scene, without the axis of lanes."""
-    count = q.shape[-1]
+    places = coordinates_at(scene.layout)
 
-    def at_interface(j: Any, mode: Any, case: Any, u_s: Any) -> RestingContact:
-        model = prepared_model(pair_at(scene, j))
-        sides = jnp.stack([j, (j + 1) % count])
-        own = q[:, sides].ravel()
-        found = _contact_between(own, State(None, u_s, mode, case), model)
-        return with_coupling(found, own, scene, j) if scene.is_coupled else found
+    def at_interface(j: Any, own: Any, mode: Any, case: Any, u_s: Any) -> RestingContact:
+        return _contact_between(q.ravel()[own], State(None, u_s, mode, case), prepared_model(pair_at(scene, j)))
 
-    none = None if u_s is None else 0
-    return jax.vmap(at_interface, in_axes=(0, 0, 0, none))(jnp.arange(case.shape[0]), mode, case, u_s)
-
-
-def with_coupling(contact: RestingContact, q: Any, scene: Scene, j: Any) -> RestingContact:
-    """The contact of interface `j` with the forces of what else couples its blocks, and the energy of the springs.
-
-    The force of the flow on a blade by its own motion is that of the interface right of it, or at its end of a chain.
-    """
-    springs, flow = static_coupling(scene, j)
-    K = springs + flow
-    return contact._replace(
-        load=contact.load - K @ q, load_q=contact.load_q - K, energy=contact.energy + q @ springs @ q / 2
+    in_axes = (0, 0, 0, 0, None if u_s is None else 0)
+    found = jax.vmap(at_interface, in_axes)(jnp.arange(len(places)), places, mode, case, u_s)
+    numbers = {
+        name: over_blades(getattr(found, name), scene.layout) for name in ("N_q", "F_q", "v_q", "u_q", "open_v_q")
+    }
+    return found._replace(
+        load=jnp.zeros(q.size, q.dtype).at[places].add(found.load),
+        load_q=jnp.zeros((q.size, q.size), q.dtype).at[places[:, :, None], places[:, None]].add(found.load_q),
+        **numbers,
     )
 
 
 def _contact_between(q: Any, state: State, model: Model) -> RestingContact:
-    """`RestingContact` of one interface."""
+    """`RestingContact` of one interface, by the coordinates (x_l, x_r, y_l, y_r, theta_l, theta_r) of its blocks."""
     if state.u_s is None:
         at_zero = State(state.motion, jnp.zeros(state.mode.shape, q.dtype), state.mode, state.case)
         state = State(state.motion, _loads(q, at_zero, model)[1].u, state.mode, state.case)

@@ -10,9 +10,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.equilibrium import ContactState
+from jaxshroud.linear.equilibrium import ContactState
+from jaxshroud.linear.resting_contact import RestingContact
 from jaxshroud.model.modes import FLAT, Mode
-from jaxshroud.model.resting_contact import RestingContact
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
 
@@ -119,10 +119,7 @@ def leaving(now: Placed, rubbing: Rubbing) -> tuple[np.ndarray, np.ndarray]:
 
 def _face_rates(now: Placed) -> tuple[FloatArray, FloatArray]:
     """The derivatives of penetrations and slides by the share of the loads, (interfaces, points) each."""
-    blades, interfaces = now.q.shape[1], len(now.contact.case)
-    left = np.arange(interfaces)
-    own = now.rate[:, np.stack([left, (left + 1) % blades])].transpose(2, 0, 1).reshape(interfaces, 6)
-    return np.einsum("jpk,jk->jp", now.at.v_q, own), np.einsum("jpk,jk->jp", now.at.u_q, own)
+    return now.at.v_q @ now.rate.ravel(), now.at.u_q @ now.rate.ravel()
 
 
 def _largest_rate(now: Placed) -> float:

@@ -10,11 +10,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.equilibrium import coordinates_at, in_pieces
-from jaxshroud.batch.held_contact import HeldContact, sprung
-from jaxshroud.batch.linear_motion import NUMBERS_OF_MOTIONS, LinearMotion
-from jaxshroud.batch.linear_swing import HeldRest, LinearMatrices, SwingWaves, block_directions, steady_swings
 from jaxshroud.cache.programs import kept
+from jaxshroud.linear.equilibrium import in_pieces
+from jaxshroud.linear.held_contact import HeldContact, sprung
+from jaxshroud.linear.linear_motion import NUMBERS_OF_MOTIONS, LinearMotion
+from jaxshroud.linear.linear_swing import HeldRest, SwingWaves, steady_swings
+from jaxshroud.model.linear_system import LinearSystem, rate_matrix
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import FloatArray
 
@@ -24,7 +25,7 @@ ROUNDING = 1e-6  # of the start, to which its modes must sum up
 class _Transient(NamedTuple):
     """What dies out in lanes: where it begins, and the derivatives of the numbers that must keep their signs."""
 
-    matrices: LinearMatrices
+    matrices: LinearSystem
     place: Any  # (lanes, coordinates)
     rate: Any
     N: Any  # (lanes, interfaces, points, coordinates) of normal forces
@@ -48,7 +49,7 @@ def outlasts_transient(scenes: Scene, held: HeldContact, motion: LinearMotion) -
 
 def _bounds(lane: _Transient) -> list[FloatArray]:
     """How much of the margins of N, of slip and of the gap, (interfaces,) each, what dies out can take at most."""
-    eigenvalues, modes = np.linalg.eig(_rate_matrix(lane.matrices))
+    eigenvalues, modes = np.linalg.eig(rate_matrix(*lane.matrices))
     size = len(lane.place)
     start = np.concatenate([lane.place, lane.rate])
     shares = np.linalg.lstsq(modes, start.astype(complex), rcond=None)[0]
@@ -66,16 +67,10 @@ def linear_multipliers(scenes: Scene, held: HeldContact) -> np.ndarray:
     every = []
     for i, T in enumerate(period):
         own = jax.tree.map(lambda a, i=i: a[i], transients.matrices)
-        multipliers = np.exp(T * np.linalg.eigvals(_rate_matrix(own)))
-        every.append(multipliers[np.argsort(-np.abs(multipliers), kind="stable")])
+        multipliers = np.exp(T * np.linalg.eigvals(rate_matrix(*own)))
+        multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")]
+        every.append(np.pad(multipliers, (0, 2 * len(own.mass) - len(multipliers))))
     return np.array(every)
-
-
-def _rate_matrix(matrices: LinearMatrices) -> FloatArray:
-    """The matrix of the first-order system of places and rates."""
-    M, C, K = matrices
-    masses = np.diag(M)[:, None]
-    return np.block([[np.zeros_like(K), np.eye(len(K))], [-K / masses, -C / masses]])
 
 
 def _transients(scenes: Scene, held: HeldContact) -> _Transient:
@@ -88,20 +83,11 @@ def _starts(scenes: Scene, held: HeldContact, rest: HeldRest, waves: SwingWaves)
 
 
 def _transient(scene: Scene, held: HeldContact, at: HeldRest, waves: SwingWaves) -> _Transient:
-    size, blades = at.matrices.K.shape[0], scene.blades.m.shape[-1]
-    blocks, places = block_directions(scene, held), coordinates_at(blades, held.case.shape[0])
-    place, rate = jnp.zeros(size, at.q.dtype), jnp.zeros(size, at.q.dtype)
+    free = held.rigid
+    place, rate = jnp.zeros_like(at.matrices.mass), jnp.zeros_like(at.matrices.mass)
     for n, wave in waves.items():
-        a = blocks.expanded(wave, 3 * blades)
-        place, rate = place - a.imag[:size], rate - scene.drive.frequency(n) * a.real[:size]
-
-    def over_blades(by: Any) -> Any:
-        """Derivatives by the coordinates of interfaces (interfaces, numbers, 6) as those by the ones of all blades."""
-        interface, number = jnp.arange(by.shape[0])[:, None, None], jnp.arange(by.shape[1])[None, :, None]
-        whole = jnp.zeros((*by.shape[:2], 3 * blades), by.dtype)
-        return whole.at[interface, number, places[:, None, :]].add(by)[..., :size]
-
+        place, rate = place - wave.imag, rate - scene.drive.frequency(n) * wave.real
     mu = jnp.broadcast_to(jnp.atleast_1d(scene.friction.mu), held.case.shape)[:, None, None]
-    N_q, F_q = over_blades(at.N_q), over_blades(at.F_q)
+    N_q, F_q = at.N_q @ free, at.F_q @ free
     slip_q = jnp.concatenate([mu * N_q - F_q, mu * N_q + F_q], axis=1)
-    return _Transient(at.matrices, place, rate, N_q, slip_q, over_blades(at.open_v_q))
+    return _Transient(at.matrices, place, rate, N_q, slip_q, at.open_v_q @ free)

@@ -13,13 +13,14 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxshroud.batch.equilibrium import coordinates_at, in_pieces
-from jaxshroud.batch.held_contact import HeldContact, held_contact, sprung
-from jaxshroud.batch.linear_swing import HeldRest, SwingWaves, block_directions, steady_swing_tangents, steady_swings
 from jaxshroud.cache.programs import kept
+from jaxshroud.linear.equilibrium import in_pieces
+from jaxshroud.linear.held_contact import HeldContact, held_contact, sprung
+from jaxshroud.linear.linear_swing import HeldRest, SwingWaves, steady_swing_tangents, steady_swings
 from jaxshroud.model.arithmetic import sine_versine
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import static_position
+from jaxshroud.model.linear_system import ReducedSystem
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.rhs import blade_mean_square, position_at
 from jaxshroud.model.steady_numbers import SteadyNumbers, least_value, negative, steady_course, steady_extremes
@@ -99,8 +100,8 @@ def _course_tangents(
 
 def _course(scene: Scene, held: HeldContact, rest: HeldRest, waves: SwingWaves) -> LinearMotion:
     """The motion of one scene in its state of contact; differentiable by the numbers of the scene and of its swing."""
-    blades, blocks = scene.blades.m.shape[-1], block_directions(scene, held)
-    swing = SteadyNumbers(rest.q, {n: blocks.expanded(a, 3 * blades) for n, a in waves.items()})
+    blades, blocks = scene.layout.blades, ReducedSystem(held.rigid)
+    swing = SteadyNumbers(rest.q, {n: blocks.expanded(a) for n, a in waves.items()})
     repeats = math.gcd(*swing.waves) or 1  # of the motion in a base period; one of them tells all
     swing, omega = swing._replace(waves={n // repeats: a for n, a in swing.waves.items()}), repeats * scene.drive.omega
     count = SAMPLES * max(swing.waves, default=1)
@@ -141,10 +142,9 @@ def _course(scene: Scene, held: HeldContact, rest: HeldRest, waves: SwingWaves) 
 
 def _contact_course(scene: Scene, held: HeldContact, at: HeldRest, swing: SteadyNumbers, count: int) -> tuple[Any, ...]:
     """The margins, and the forces and penetrations at each interface."""
-    places = coordinates_at(scene.blades.m.shape[-1], held.case.shape[0])
 
     def at_points(mean: Any, by: Any) -> SteadyNumbers:
-        waves = {n: jnp.einsum("jpk,jk->jp", by.astype(a.dtype), a[places]) for n, a in swing.waves.items()}
+        waves = {n: by.astype(a.dtype) @ a for n, a in swing.waves.items()}
         return SteadyNumbers(mean, waves)
 
     N, F, opening = at_points(at.N, at.N_q), at_points(at.F, at.F_q), at_points(at.open_v, at.open_v_q)

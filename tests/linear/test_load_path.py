@@ -6,9 +6,9 @@ import points_reference
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.equilibrium import static_equilibria
-from jaxshroud.batch.load_path import loaded_equilibria
 from jaxshroud.batch.states import initial_states
+from jaxshroud.linear.equilibrium import static_equilibria
+from jaxshroud.linear.load_path import loaded_equilibria
 from jaxshroud.model.modes import Mode
 
 FROM_REST = ["initial.start=static", "initial.friction=from rest"]

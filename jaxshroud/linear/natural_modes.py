@@ -20,21 +20,24 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxshroud.activity import counted
-from jaxshroud.model.coupling import (
-    CouplingMatrices,
-    coupling_matrices,
-    over_coordinates,
+from jaxshroud.model.geometry import Corners, contact_kinematics, corners, face_kinematics, pose
+from jaxshroud.model.linear_system import (
+    LinearSystem,
+    complex_loads,
+    directions,
+    free_system,
+    moving_coordinates,
+    over_blades,
+    solutions,
 )
-from jaxshroud.model.geometry import Corners, contact_kinematics, face_kinematics, pose
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.drive import AnyLoad
-from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
 
 # How the blocks touch: not at all; face on face with the normal spring alone, or with both; corner at corner with both.
 NaturalContact = Literal["apart", "sliding", "stuck", "corner"]
 TINY = float(np.finfo(float).tiny)  # a square that rounding made negative, or a drive without force
+UPPER_CORNERS = 1  # the case whose corners are looked at
 POINTS_OF_RANGE = 65  # speeds at which it is looked whether faces are pressed together
 HALVINGS = 60
 
@@ -42,28 +45,17 @@ HALVINGS = 60
 class LinearContact(NamedTuple):
     """All blades and the contact between them as one linear system, with arrays of NumPy or of JAX."""
 
-    mass: Any  # (3 N,) [kg, kg m^2]
-    damping: Any  # (3 N,)
-    stiffness: Any  # (3 N,)
+    free: LinearSystem  # without contact
     moves: np.ndarray  # (3 N,) whether the model has that coordinate
     v_q: Any  # (E, 3 N) gradient of the penetration of the upper corners of each interface, or of each of its points
     u_q: Any  # (E, 3 N) gradient of their slide
     k: Any  # (E,) normal spring [N/m]
     k_d: Any  # (E,) tangential spring [N/m]
     turns_as_one: np.ndarray  # () whether blocks whose faces touch turn together: those of several points need not
-    coupled: CouplingMatrices | None = None  # (3 N, 3 N) each, between blades without contact
 
-    @property
-    def own_stiffness(self) -> Any:
-        """The stiffness of all blades without contact, (3 N, 3 N)."""
-        own = self.stiffness[:, None] * np.eye(len(self.stiffness), dtype=self.stiffness.dtype)
-        return own if self.coupled is None else own + self.coupled.stiffness
-
-    @property
-    def own_damping(self) -> Any:
-        """The damping of all blades, (3 N, 3 N)."""
-        own = self.damping[:, None] * np.eye(len(self.damping), dtype=self.damping.dtype)
-        return own if self.coupled is None else own + self.coupled.damping
+    def directions(self, contact: NaturalContact) -> FloatArray:
+        """The directions in which the blocks can move in one state of contact, as columns."""
+        return free_directions(self.moves, bool(self.turns_as_one) and contact in ("sliding", "stuck"))
 
 
 class NaturalModes(NamedTuple):
@@ -76,79 +68,56 @@ class NaturalModes(NamedTuple):
 
 def contact_gradients(
     case: int | Int[Array, ""], block: Corners, like: Array
-) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
-    """dv/dq and du/dq of the corner pair of `case`, q = (x_1, x_2, y_1, y_2, theta_1, theta_2) = 0."""
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """dv/dq and du/dq of the corner pair of `case`, q = (x_1, x_2, y_1, y_2, theta_1, theta_2) = 0, (6,).
+
+    Where faces have several points they are those of each of them, (points, 6).
+    """
 
     def v_and_u(q):
-        at = contact_kinematics(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), jnp.asarray(case), block, frozenset())
-        return jnp.stack([at.v, at.u])
+        place = pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5]))
+        if block.points:
+            points = face_kinematics(place, block).points
+            return jnp.stack([at.v for at in points]), jnp.stack([at.u for at in points])
+        at = contact_kinematics(place, jnp.asarray(case), block, frozenset())
+        return at.v, at.u
 
-    v_q, u_q = jax.jacfwd(v_and_u)(jnp.zeros_like(like))
-    return v_q, u_q
-
-
-def point_gradients(block: Corners, like: Array) -> tuple[Float[Array, "points 6"], Float[Array, "points 6"]]:
-    """dv/dq and du/dq at each point of faces that touch at several, see `contact_gradients`."""
-
-    def v_and_u(q):
-        at = face_kinematics(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), block)
-        return jnp.stack([jnp.stack([point.v for point in at.points]), jnp.stack([point.u for point in at.points])])
-
-    v_q, u_q = jax.jacfwd(v_and_u)(jnp.zeros_like(like))
-    return v_q, u_q
+    return jax.jacfwd(v_and_u)(jnp.zeros_like(like))
 
 
-def linear_contact(scene: Scene, gradients: Any) -> LinearContact:
-    """All blades of a scene and their contact as a linear system, with arrays of JAX.
+def linear_contact(scene: Scene) -> LinearContact:
+    """All blades of a scene, with their mistuning, and their contact as a linear system, with arrays of JAX.
 
-    Args:
-        scene: A pair or a row, with its mistuning.
-        gradients: dv/dq and du/dq of a pair where the upper corners meet, see `contact_gradients`, or of each point.
+    Contact is where the upper corners meet without a gap, or at all points of the faces.
     """
     if scene.blade_matrices is not None:
         raise InputError("Natural modes with contact are those of lumped blades so far, not of blades by matrices.")
-    b, count = scene.mistuned_blades, scene.blades.m.shape[-1]
-    points, interfaces = scene.contact.points, scene.layout.interfaces
+    free, points, layout = free_system(scene), scene.contact.points, scene.layout
+    block = corners(scene.shroud, scene.contact.reading, points)._replace(gap=jnp.zeros_like(scene.shroud.alpha))
 
     def of_each(k):
         return jnp.atleast_1d(k) if points is None else jnp.outer(jnp.atleast_1d(k), points.shares).ravel()
 
     def at_interfaces(gradient):
-        return jnp.stack([_at_interface(own, j, count) for j in range(interfaces) for own in jnp.atleast_2d(gradient)])
+        of_points = jnp.atleast_2d(gradient)
+        of_each = jnp.broadcast_to(of_points, (layout.interfaces, *of_points.shape))
+        return over_blades(of_each, layout).reshape(-1, free.mass.size)
 
+    v_q, u_q = map(at_interfaces, contact_gradients(UPPER_CORNERS, block, free.mass[:6]))
     return LinearContact(
-        mass=jnp.concatenate([b.m, b.inertia_y, b.I]),
-        damping=jnp.concatenate([b.c_x, b.c_y, b.c_T]),
-        stiffness=jnp.concatenate([b.k_x, b.k_y, b.k_T]),
-        moves=np.array([scene.parts.has(name, min(i, 1)) for name in COORDINATES for i in range(count)]),
-        v_q=at_interfaces(gradients[0]),
-        u_q=at_interfaces(gradients[1]),
+        free=free,
+        moves=moving_coordinates(scene),
+        v_q=v_q,
+        u_q=u_q,
         k=of_each(scene.k),
         k_d=of_each(scene.friction.k_d),
         turns_as_one=np.array(points is None),
-        coupled=_coupled(scene) if scene.is_coupled else None,
     )
 
 
-def _coupled(scene: Scene) -> CouplingMatrices:
-    """The matrices between blades over all coordinates."""
-    return CouplingMatrices._make(map(over_coordinates, coupling_matrices(scene)))
-
-
-def _at_interface(gradient: Any, j: int, count: int) -> Any:
-    """The gradient of a pair (6,) as that of interface `j` of so many blades, (3 count,)."""
-    sides = np.array([j, (j + 1) % count])
-    return jnp.zeros((3, count), gradient.dtype).at[:, sides].add(gradient.reshape(3, 2)).ravel()
-
-
-def drive_loads(scene: Scene) -> dict[int, tuple[Any, Any]]:
-    """The in-phase and the quadrature amplitude (3 N,) of the forces and moments, as in Eq. (1), by order n > 0."""
-    return {n: _load(one) for n, one in scene.drive.harmonics().items() if n > 0}
-
-
-def _load(drive: AnyLoad) -> tuple[Any, Any]:
-    re, im, _ = zip(*map(drive.parts, COORDINATES), strict=True)
-    return jnp.concatenate(re), jnp.concatenate(im)
+def drive_loads(scene: Scene) -> dict[int, Any]:
+    """The complex amplitudes (3 N,) of the forces and moments, as in Eq. (1), by order n > 0."""
+    return {n: complex_loads(scene, one) for n, one in scene.drive.harmonics().items() if n > 0}
 
 
 def contact_stiffness(blades: LinearContact, contact: NaturalContact) -> Any:
@@ -160,7 +129,7 @@ def contact_stiffness(blades: LinearContact, contact: NaturalContact) -> Any:
         and t = (cos alpha, sin alpha). Faces that stay on each other turn all blocks by one angle; where they have
         several points, each has its share of the springs, which resist a turn against each other.
     """
-    K = 0 * blades.v_q.T @ blades.v_q
+    K = 0 * blades.free.stiffness
     if contact != "apart":
         K = K + blades.v_q.T @ (blades.k[:, None] * blades.v_q)
     if contact in ("stuck", "corner"):
@@ -173,22 +142,24 @@ def natural_modes(blades: LinearContact, contact: NaturalContact) -> NaturalMode
 
     Forces of the flow that are not symmetric count by their symmetric part; see `flow_modes` for all of them.
     """
-    K = blades.own_stiffness + contact_stiffness(blades, contact)
-    K, free = (K + K.T) / 2, free_directions(blades.moves, contact, bool(blades.turns_as_one))
-    root = np.sqrt(free.T**2 @ blades.mass)
-    squares, vectors = np.linalg.eigh(free.T @ K @ free / np.outer(root, root))
+    free = blades.directions(contact)
+    root, K = _by_mass(blades, contact, free)
+    squares, vectors = np.linalg.eigh(K)
     omega, shape = np.sqrt(np.maximum(squares, TINY)), (free @ (vectors / root[:, None])).T
-    damping = np.einsum("ni,ij,nj->n", shape, blades.own_damping, shape)
+    damping = np.einsum("ni,ij,nj->n", shape, blades.free.damping, shape)
     return NaturalModes(omega, damping / (2 * omega), shape)
 
 
-def free_directions(moves: np.ndarray, contact: NaturalContact, turns_as_one: bool = True) -> FloatArray:
-    """The directions in which the blocks can move, as columns; blocks whose faces touch may turn as one."""
-    columns, turns = np.eye(moves.size), moves.size // 3 * 2  # the first coordinate of rotation
-    if turns_as_one and contact in ("sliding", "stuck"):
-        columns = np.column_stack([columns[:, :turns], columns[:, turns:].sum(axis=1)])
-        moves = np.append(moves[:turns], moves[turns:].all())
-    return columns[:, moves]
+def _by_mass(blades: LinearContact, contact: NaturalContact, free: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The roots of the masses along directions, and the symmetric stiffness over these."""
+    root, K = np.sqrt(free.T**2 @ blades.free.mass), blades.free.stiffness + contact_stiffness(blades, contact)
+    return root, free.T @ ((K + K.T) / 2) @ free / np.outer(root, root)
+
+
+def free_directions(moves: np.ndarray, as_one: bool) -> FloatArray:
+    """The directions in which the blocks can move, as columns; those of all blocks may turn `as_one`."""
+    free = directions(moves, np.full((1, len(moves) // 3 - 1), as_one), False)[0]
+    return free[:, free.any(axis=0)]
 
 
 def drive_shares(shape: FloatArray, loads: Sequence[np.ndarray]) -> FloatArray:
@@ -223,15 +194,9 @@ class _Oscillators(NamedTuple):
 
 
 def _oscillators(blades: LinearContact, contact: NaturalContact, growth: Growth) -> _Oscillators:
-    free = free_directions(blades.moves, contact, bool(blades.turns_as_one))
-    root = np.sqrt(free.T**2 @ blades.mass)
-
-    def reduced(K):
-        return free.T @ K @ free / np.outer(root, root)
-
-    grown = reduced(np.diag(growth.by_square))
-    K = blades.own_stiffness + contact_stiffness(blades, contact)
-    own = reduced((K + K.T) / 2)
+    free = blades.directions(contact)
+    root, own = _by_mass(blades, contact, free)
+    grown = free.T @ np.diag(growth.by_square) @ free / np.outer(root, root)
     return _Oscillators(own - growth.square * grown, grown, growth.square)
 
 
@@ -292,13 +257,13 @@ def static_normal_forces(blades: LinearContact, growth: Growth, by: Pressing, sq
 
     The faces are on each other and slide freely: where the normal force vanishes so does friction.
     """
-    free = free_directions(blades.moves, "sliding", bool(blades.turns_as_one))
+    free = blades.directions("sliding")
     wedge = (by.gap + square * by.gap_by_square) * by.sine
     v_q, k = blades.v_q, blades.k
     grown = np.diag((square - growth.square) * growth.by_square)
-    stiffness = blades.own_stiffness + grown + v_q.T @ (k[:, None] * v_q)
+    stiffness = blades.free.stiffness + grown + v_q.T @ (k[:, None] * v_q)
     loads = by.mean * blades.moves + v_q.T @ (k * wedge)
-    q = free @ np.linalg.solve(free.T @ stiffness @ free, free.T @ loads)
+    q = free @ solutions(free.T @ stiffness @ free, free.T @ loads)
     return k * (v_q @ q - wedge)
 
 

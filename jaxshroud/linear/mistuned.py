@@ -1,0 +1,121 @@
+"""The steady response of rows with patterns of mistuning whose contact stays in one state at all interfaces."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxshroud.cache.programs import kept
+from jaxshroud.linear.natural_modes import NaturalContact, contact_stiffness, drive_loads, linear_contact
+from jaxshroud.model.linear_system import solutions
+from jaxshroud.scene.scene import Scene
+
+
+class MistunedSystem(NamedTuple):
+    """A row as one linear system in the n directions in which its blocks can move; arrays start with axes of lanes."""
+
+    stiffness: Any  # (n, n) without mistuning
+    damping: Any  # (n, n)
+    mass: Any  # (n,)
+    mistuned: Any  # (n, blades) what the mistuning of a blade adds to the diagonal of the stiffness
+    omega: Any  # () frequency of the drive
+    loads: dict[int, Any]  # (n,) complex, by order
+    coordinate: Any  # (blades, n) the displacements that are asked for
+
+
+@kept("contact", "coordinate")
+def linear_systems(scenes: Scene, contact: NaturalContact, coordinate: int) -> MistunedSystem:
+    """Rows without mistuning (leading axis) with all interfaces in one state of contact, as linear systems.
+
+    Args:
+        scenes: The rows.
+        contact: The state of contact.
+        coordinate: The displacements that are asked for: x, y or theta, 0 to 2.
+
+    Source:
+        Eq. (1) with the stiffness K of the blades, of their coupling, and of `contact_stiffness`. Preload, offsets of
+        sliders and mean displacements are not in it. Mistuning does not change how stiffnesses grow with the speed.
+    """
+
+    def one(scene: Scene) -> MistunedSystem:
+        system, b = linear_contact(scene), scene.blades
+        free = jnp.asarray(system.directions(contact), b.m.dtype)
+        each = jnp.tile(jnp.eye(b.m.shape[-1], dtype=b.m.dtype), (3, 1))
+        own = jnp.concatenate([b.k_x, b.k_y, b.k_T])
+        return MistunedSystem(
+            stiffness=free.T @ (contact_stiffness(system, contact) + system.free.stiffness) @ free,
+            damping=free.T @ system.free.damping @ free,
+            mass=system.free.mass @ free**2,  # no coordinate is in two directions
+            mistuned=(free**2).T @ (own[:, None] * each),
+            omega=scene.drive.omega,
+            loads={n: load @ free.astype(load.dtype) for n, load in drive_loads(scene).items()},
+            coordinate=free.reshape(3, b.m.shape[-1], -1)[coordinate],
+        )
+
+    return jax.vmap(one)(scenes)
+
+
+def moving_directions(systems: MistunedSystem) -> np.ndarray:
+    """Whether each direction (n,) acts on the displacements that are asked for, in any of some systems (leading axis).
+
+    Blades that do not touch have coordinates that do not act on each other.
+    """
+    linked = np.any((systems.stiffness != 0) | (systems.damping != 0), axis=0)
+    wanted: np.ndarray = np.any(systems.coordinate != 0, axis=(0, 1))
+    for _ in wanted:
+        wanted = wanted | linked[wanted].any(axis=0) | linked[:, wanted].any(axis=1)
+    return wanted
+
+
+def part_of(systems: MistunedSystem, directions: np.ndarray) -> MistunedSystem:
+    """Systems (leading axis) in some of their directions, on which the others do not act."""
+    return systems._replace(
+        stiffness=systems.stiffness[:, directions][..., directions],
+        damping=systems.damping[:, directions][..., directions],
+        mass=systems.mass[:, directions],
+        mistuned=systems.mistuned[:, directions],
+        loads={n: load[:, directions] for n, load in systems.loads.items()},
+        coordinate=systems.coordinate[..., directions],
+    )
+
+
+def linear_waves(system: MistunedSystem, mistuning: np.ndarray) -> dict[int, np.ndarray]:
+    """The complex amplitudes of the displacements of rows with patterns of mistuning (..., blades), by order.
+
+    They are (K - n^2 omega^2 M + i n omega C)^-1 Q. Leading axes of the systems and of the patterns broadcast.
+    """
+    return {n: _of_blades(system, _answer(system, mistuning, n)) for n in system.loads}
+
+
+def wave_slopes(system: MistunedSystem, mistuning: np.ndarray, blade: int) -> dict[int, np.ndarray]:
+    """The derivatives of the complex amplitudes of one blade of a row by the mistuning of each blade, by order.
+
+    Source:
+        The derivative of Z^-1 Q is -Z^-1 (dZ) Z^-1 Q, where Z changes on its diagonal alone.
+    """
+    slopes = {}
+    for n in system.loads:
+        adjoint = solutions(_dynamic_stiffness(system, mistuning, n).T, system.coordinate[blade])
+        slopes[n] = -(adjoint * _answer(system, mistuning, n)) @ system.mistuned
+    return slopes
+
+
+def _dynamic_stiffness(system: MistunedSystem, mistuning: np.ndarray, order: int) -> np.ndarray:
+    omega = order * np.asarray(system.omega)[..., None]
+    own = (system.mistuned @ mistuning[..., None])[..., 0] - omega**2 * system.mass
+    matrix = system.stiffness + 1j * omega[..., None] * system.damping
+    matrix = np.array(np.broadcast_to(matrix, (*own.shape, own.shape[-1])))
+    place = np.arange(own.shape[-1])
+    matrix[..., place, place] += own
+    return matrix
+
+
+def _answer(system: MistunedSystem, mistuning: np.ndarray, order: int) -> np.ndarray:
+    """The complex amplitudes along the directions."""
+    matrix = _dynamic_stiffness(system, mistuning, order)
+    return solutions(matrix, np.broadcast_to(system.loads[order], matrix.shape[:-1]))
+
+
+def _of_blades(system: MistunedSystem, answer: np.ndarray) -> np.ndarray:
+    return (system.coordinate @ answer[..., None])[..., 0]

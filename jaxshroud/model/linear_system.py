@@ -1,0 +1,249 @@
+"""Blades without contact as one linear system: mass, damping, stiffness and loads, and the response to them.
+
+Coordinates are those of the shrouds, x of all N blades, then y, then theta. Blades act on each other by what couples
+them beside their contact. A lumped blade is its shroud; an elastic one is seen by the receptances of its shroud.
+"""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Complex
+
+from jaxshroud.model.arithmetic import Scalar
+from jaxshroud.model.blade import inverse_of, matrix_rows, times_vector
+from jaxshroud.model.coupling import SUFFIXES
+from jaxshroud.scene.drive import AnyLoad
+from jaxshroud.scene.layout import COORDINATES, Layout
+from jaxshroud.scene.scene import Scene
+
+
+class LinearSystem(NamedTuple):
+    """Blades that do not touch, by arrays of NumPy or JAX, which may start with axes of lanes."""
+
+    mass: Any  # (3 N,) [kg, kg m^2]
+    damping: Any  # (3 N, 3 N)
+    stiffness: Any  # (3 N, 3 N)
+
+
+def free_system(scene: Scene) -> LinearSystem:
+    """Lumped blades at the scene's speed with their mistuning, and what couples them beside contact."""
+    b = scene.mistuned_blades
+    xp = b.m.__array_namespace__()
+    mass, damping, stiffness = (xp.concatenate(a, axis=-1) for a in zip(*b.oscillators.values(), strict=True))
+
+    def total(own: Any, kind: str) -> Any:
+        diagonal = own[..., None] * np.eye(own.shape[-1], dtype=own.dtype)
+        return diagonal + coupling_matrix(scene, kind) if scene.is_coupled else diagonal
+
+    return LinearSystem(mass, total(damping, "c"), total(stiffness, "k"))
+
+
+def coupling_matrix(scene: Scene, kind: str) -> Any:
+    """The stiffness ("k") or the damping ("c") between the blades of a scene, (..., 3 N, 3 N): of springs and flow."""
+    layout, omega = scene.layout, scene.drive.omega
+    apart = (np.eye(layout.blades) - next_blade(layout))[: layout.interfaces]  # left of each interface less right of it
+    whole = over_x(flow_matrix(scene, kind))
+    for i, (name, suffix) in enumerate(SUFFIXES.items()):
+        k = getattr(scene.coupling, f"{kind}_{suffix}")
+        if k is not None and scene.parts.has(name, 0):
+            D = np.kron(np.eye(3)[[i]], apart).astype(omega.dtype)
+            whole = whole + D.T @ (k.reshape(*omega.shape, -1, 1) * D)
+    return whole
+
+
+def flow_matrix(scene: Scene, kind: str) -> Any:
+    """What the flow adds to the stiffness ("k") or the damping ("c") along x of all blades, (..., N, N).
+
+    Source:
+        Re L, and Im L over the frequency of the drive, as in `forces_of_flow`; it is not symmetric.
+    """
+    omega, after = scene.drive.omega, next_blade(scene.layout)
+    whole = 0 * omega[..., None, None] * np.zeros(after.shape, omega.dtype)
+    for name, shift in (("L0", np.eye(len(after))), ("L1", after), ("L_1", after.T)):
+        L = scene.aero.coefficient(name)
+        if L is not None:
+            force = L[0] if kind == "k" else L[1] / omega
+            whole = whole + force[..., None, None] * shift.astype(omega.dtype)
+    return whole
+
+
+def over_x(matrix: Any) -> Any:
+    """A matrix along x of all blades (..., N, N) as one over all coordinates, (..., 3 N, 3 N)."""
+    along = np.eye(len(COORDINATES) * matrix.shape[-1], matrix.shape[-1], dtype=matrix.dtype)
+    return along @ matrix @ along.T
+
+
+def next_blade(layout: Layout) -> np.ndarray:
+    """The matrix (blades, blades) that gives each blade the number of the next one; 0 at the end of a chain."""
+    return np.roll(np.eye(layout.blades), 1, axis=1) * (np.arange(layout.blades) < layout.interfaces)[:, None]
+
+
+def coordinates_at(layout: Layout) -> np.ndarray:
+    """The places (interfaces, 6) of the coordinates of both blades at each interface among those of all blades."""
+    left = np.arange(layout.interfaces)
+    sides = left, (left + 1) % layout.blades
+    return np.stack([row * layout.blades + side for row in range(3) for side in sides], axis=1)
+
+
+def over_blades(by: Array, layout: Layout) -> Array:
+    """Derivatives (interfaces, points, 6) by the coordinates at each interface as those by all, (..., 3 N)."""
+    interface, point = np.ogrid[: by.shape[0], : by.shape[1]]
+    at = interface[..., None], point[..., None], coordinates_at(layout)[:, None]
+    return jnp.zeros((*by.shape[:2], 3 * layout.blades), by.dtype).at[at].set(by)
+
+
+def moving_coordinates(scene: Scene) -> np.ndarray:
+    """Whether the model has each coordinate, (3 N,)."""
+    return np.array([scene.parts.has(name, min(i, 1)) for name in COORDINATES for i in range(scene.layout.blades)])
+
+
+def complex_loads(scene: Scene, drive: AnyLoad) -> Complex[Array, "coordinates"]:
+    """The complex amplitudes (3 N,) of the loads of one harmonic on the coordinates that move, as in Eq. (1)."""
+    re, im, _ = (jnp.concatenate(part) for part in zip(*map(drive.parts, COORDINATES), strict=True))
+    moves = moving_coordinates(scene)
+    return lax.complex(jnp.where(moves, re, 0.0), jnp.where(moves, im, 0.0))
+
+
+def mean_loads(scene: Scene) -> Any:
+    """The mean loads (..., 3 N) on the coordinates that move."""
+    mean, m = scene.drive.harmonics().get(0), scene.blades.m
+    xp = m.__array_namespace__()
+    parts = [0 * m] * 3 if mean is None else [mean.load(name) for name in COORDINATES]
+    return xp.where(moving_coordinates(scene), xp.concatenate(parts, axis=-1), 0.0)
+
+
+def coupled_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Complex[Array, "3 blades"]:
+    """The complex amplitudes of x, y and theta of coupled or elastic blades under one harmonic.
+
+    They are infinite or not a number where an undamped row is driven at a natural frequency.
+
+    Source:
+        [K - omega^2 M + i omega C]^-1 F, with the coupling in K and C: of a tuned ring under a travelling wave of nodal
+        diameter h that is [D_h - omega^2 M + i omega C]^-1 F with
+        D_h = K + 4 sin^2(pi h / N) K_c + L0 + L1 exp(i 2 pi h / N) + L_1 exp(-i 2 pi h / N).
+    """
+    load = complex_loads(scene, drive)
+    return (_of_lumped_blades if scene.blade_matrices is None else _of_elastic_blades)(scene, omega, load)
+
+
+def _of_lumped_blades(scene: Scene, omega: Scalar, load: Any) -> Any:
+    """Coordinate by coordinate, as lumped blades have them apart."""
+    mass, damping, stiffness = free_system(scene)
+    count, moves = scene.layout.blades, moving_coordinates(scene)
+    dynamic = lax.complex(stiffness - jnp.diag(mass * omega**2), damping * omega)
+    held = jnp.where(moves[:, None] & moves, dynamic, np.eye(len(moves), dtype=dynamic.dtype))
+    alone = [slice(i * count, (i + 1) * count) for i in range(3)]
+    return jnp.stack([solved(held[own, own], load[own]) for own in alone])
+
+
+def _of_elastic_blades(scene: Scene, omega: Scalar, load: Any) -> Any:
+    """By the receptances H of the free shrouds: u = H (F - D_c u)."""
+    assert scene.blade_matrices is not None
+    count = scene.layout.blades
+    mass, damping, stiffness, shroud = map(matrix_rows, scene.blade_matrices)
+    size = range(len(mass))
+    inverse = inverse_of(
+        [[lax.complex(stiffness[i][j] - mass[i][j] * omega**2, damping[i][j] * omega) for j in size] for i in size]
+    )
+    moving = [scene.parts.has(name, 0) * 1.0 for name in COORDINATES]
+    rows = [[lax.complex(moves * a, 0 * a) for a in row] for moves, row in zip(moving, shroud, strict=True)]
+    H = jnp.stack([jnp.stack(times_vector(rows, times_vector(inverse, column))) for column in rows], axis=1)
+    if not scene.is_coupled:
+        return jnp.einsum("abn,bn->an", H, load.reshape(3, count))
+    receptance = (H.swapaxes(1, 2)[..., None] * jnp.eye(count, dtype=H.dtype)[:, None]).reshape(3 * count, -1)
+    coupled = lax.complex(coupling_matrix(scene, "k"), omega * coupling_matrix(scene, "c"))
+    system = jnp.eye(3 * count, dtype=H.dtype) + receptance @ coupled
+    return solved(system, receptance @ load).reshape(3, count)
+
+
+def solved(matrix: Complex[Array, "n n"], right: Complex[Array, " n"]) -> Complex[Array, " n"]:
+    """The solution of a linear system by Gauss-Jordan elimination with partial pivots.
+
+    It calls no routine of LAPACK, which many lanes on several devices of a CPU may wait for without end.
+    """
+    n = len(right)
+
+    def eliminate(i: Any, system: Array) -> Array:
+        candidates = jnp.where(jnp.arange(n) >= i, jnp.abs(lax.stop_gradient(system[:, i])), -1.0)
+        at = jnp.argmax(candidates)
+        system = system.at[jnp.stack([jnp.asarray(i, at.dtype), at])].set(
+            system[jnp.stack([at, jnp.asarray(i, at.dtype)])]
+        )
+        pivot = system[i] / system[i, i]
+        others = jnp.where(jnp.arange(n) == i, 0.0, 1.0).astype(system.dtype) * system[:, i]
+        return (system - others[:, None] * pivot[None]).at[i].set(pivot)
+
+    return lax.fori_loop(0, n, eliminate, jnp.concatenate([matrix, right[:, None]], axis=1))[:, n]
+
+
+def solutions(matrix: Any, right: Any) -> np.ndarray:
+    """The solutions (..., n) of linear systems by LAPACK on the host; NaN where there is none."""
+    matrix, right = np.asarray(matrix), np.asarray(right)
+    usable = np.isfinite(matrix).all(axis=(-2, -1), keepdims=True)
+    try:
+        found = np.linalg.solve(np.where(usable, matrix, np.eye(matrix.shape[-1])), right[..., None])
+    except np.linalg.LinAlgError:
+        if matrix.ndim == 2:
+            return np.full(right.shape, np.nan, right.dtype)
+        return np.stack([solutions(*one) for one in zip(matrix, right, strict=True)])
+    return np.where(usable, found, np.nan)[..., 0]
+
+
+def rate_matrix(mass: Any, damping: Any, stiffness: Any) -> np.ndarray:
+    """The matrix of the first-order system of places and their rates; directions without mass are left out."""
+    own = np.flatnonzero(mass)
+    size = len(own)
+    K, C = (matrix[own[:, None], own] / mass[own, None] for matrix in (stiffness, damping))
+    return np.block([[np.zeros((size, size)), np.eye(size)], [-K, -C]])
+
+
+def directions(moves: np.ndarray, flat: np.ndarray, closed: bool) -> np.ndarray:
+    """The directions in which blocks can move, as columns (lanes, 3 N, n), n coordinates move; 0 for one that is none.
+
+    Blocks whose faces are flat on each other turn together, or not at all where one of them cannot.
+
+    Args:
+        moves: Whether the model has each coordinate, (3 N,).
+        flat: Whether the faces of each interface are flat on each other, (lanes, interfaces).
+        closed: Whether the last block touches the first.
+    """
+    n, lanes = len(moves) // 3, len(flat)
+    first = np.tile(np.arange(n), (lanes, 1))
+    for _ in range(2 if closed else 1):
+        for j in range(flat.shape[1]):
+            right = (j + 1) % n
+            low, high = np.minimum(first[:, j], first[:, right]), np.maximum(first[:, j], first[:, right])
+            joined = flat[:, j, None] & (first == high[:, None])
+            first = np.where(joined, low[:, None], first)
+    free = np.zeros((lanes, 3 * n, 3 * n))
+    free[:, np.arange(2 * n), np.arange(2 * n)] = 1.0
+    free[np.arange(lanes)[:, None], 2 * n + np.arange(n), 2 * n + first] = 1.0
+    held = np.any(free * ~moves[:, None], axis=1, keepdims=True)
+    return (free * ~held)[..., moves]
+
+
+class ReducedSystem(NamedTuple):
+    """A linear system over directions as columns of `free`, (..., 3 N, n); a direction that is none has a stiffness."""
+
+    free: Any
+
+    def over(self, a: Any) -> Any:
+        """Forces (..., 3 N) over the directions."""
+        return (a[..., None, :] @ self.free)[..., 0, :]
+
+    def reduced(self, matrix: Any) -> Any:
+        """A matrix over the directions; 1 for one that is none."""
+        idle = 1.0 - abs(self.free).max(axis=-2)
+        return self.free.swapaxes(-1, -2) @ matrix @ self.free + idle[..., None] * np.eye(
+            idle.shape[-1], dtype=idle.dtype
+        )
+
+    def diagonal(self, numbers: Any) -> Any:
+        """A diagonal matrix over the directions, which are orthogonal."""
+        return self.free.swapaxes(-1, -2) ** 2 @ numbers
+
+    def expanded(self, y: Any) -> Any:
+        """The displacements (..., 3 N) from those along the directions."""
+        return (self.free.astype(y.dtype) @ y[..., None])[..., 0]
