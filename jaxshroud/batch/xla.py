@@ -8,7 +8,7 @@ there is nothing to reduce, and the reducer is called once for each lane.
 
 A kernel is kept whole up to some 3,500 operations; beyond, XLA:CPU cuts it into functions that recompute each other's
 results. With more than some 120 arguments or results it no longer uses vector registers. Larger functions are
-therefore split: see `stage_groups`.
+therefore split: see `march.row_step.whole`, and the options `FOR_SERIES` keep larger ones whole.
 """
 
 import warnings

@@ -310,6 +310,8 @@ def sincos_turns(turns: Scalar) -> tuple[Scalar, Scalar]:
 
 def total(a: Any) -> Any:
     """The sum along the axis of blades or of interfaces."""
+    if is_zero(a):
+        return a
     return summed(a) if isinstance(a, Unrolled) else jnp.sum(a, axis=0)
 
 

@@ -24,8 +24,6 @@ from jaxshroud.model.contact_law import (
 from jaxshroud.model.geometry import Corners
 from jaxshroud.model.modes import Mode
 
-POINTS_IN_ONE_KERNEL = 3  # of a whole trial: with five, one kernel is 1,000 times slower than several
-
 
 class PointsContact(ContactLaw):
     """Several points with a law each."""
@@ -33,15 +31,9 @@ class PointsContact(ContactLaw):
     called: ClassVar[str] = "contact points"
     is_examined: ClassVar[bool] = True  # as far as rows are: an accuracy chooses a method that is not tried
     has_points: ClassVar[bool] = True
-    is_long: ClassVar[bool] = True
 
     laws: tuple[ContactLaw, ...]
     shares: tuple[Scalar, ...]
-
-    @property
-    def fills_kernels(self) -> bool:
-        """With some 900 operations a point in a trial by RK4."""
-        return len(self.laws) > POINTS_IN_ONE_KERNEL
 
     @property
     def normal_stiffness(self) -> Scalar:

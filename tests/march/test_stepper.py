@@ -30,8 +30,7 @@ def after_trials(gaps, stop, method, each):
     stepper = stepper_for(method)
 
     def one(_, lanes):
-        trials = stepper.trial(lanes, fixed, method, each, ())
-        return stepper.update(lanes, trials, fixed, method, each)
+        return stepper.trial(lanes, fixed, method, each)
 
     lanes, fixed = each(lambda gap: lane_and_constants(gap, method, stop), gaps)
     return jax.lax.fori_loop(0, TRIALS, one, lanes)
