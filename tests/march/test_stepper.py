@@ -10,7 +10,8 @@ from jaxshroud.batch.states import carried_state
 from jaxshroud.batch.xla import vmapped
 from jaxshroud.march.carry import Fixed, time_grid
 from jaxshroud.march.method import FAST, Choices
-from jaxshroud.march.stepper import alone, begin_lane, stepper_for
+from jaxshroud.march.stepper import begin_lane, stepper_for
+from jaxshroud.model.row import alone
 from jaxshroud.march.tableau import TaylorOptions
 from jaxshroud.model.prepared import initial_state, prepared_model
 
