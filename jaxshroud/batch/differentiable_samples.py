@@ -20,15 +20,15 @@ from jaxtyping import Array, Int
 
 from jaxshroud.batch.duals import Dual, differentiable, with_tangent
 from jaxshroud.batch.flows import Flow, begin_flow, end_flow, flow_constants, mean_over
-from jaxshroud.batch.periods import advance, march
+from jaxshroud.batch.periods import march
 from jaxshroud.batch.stopped import replaced_where
 from jaxshroud.batch.xla import (
     FOR_SERIES,
     accepts_options,
     best_mapping,
+    has_several_kernels,
     one_lane,
     repeated_while,
-    stage_groups,
     vmapped,
 )
 from jaxshroud.cache.programs import is_traced, kept
@@ -137,9 +137,9 @@ def _next_sample(
         status = jnp.where(spent, Status.OUT_OF_TRIALS, lanes.status).astype(jnp.int32)
         lanes = eqx.tree_at(lambda lanes: lanes.status, lanes, status)
         trials = trials + running(lanes, stop).astype(jnp.int32)
-        return advance(lanes, fixed, method, each), trials
+        return stepper_for(method).trial(lanes, fixed, method, each), trials
 
-    several = stage_groups(method, fixed.model.law) is not None
+    several = has_several_kernels(method)
     return repeated_while(lambda pair: jnp.any(running(pair[0], stop)), once, (lanes, trials), several)
 
 
@@ -175,10 +175,9 @@ def batching_by_lanes(f: Callable[..., Tree]) -> Callable[..., Tree]:
 
 
 def _run_compiled(scenes: Any, states: Any, schedule: Schedule) -> tuple[Any, Int[Array, " lanes"]]:
-    large = (
-        stepper_for(schedule.method).large_kernels and not is_traced((scenes, states)) and accepts_options(series=True)
-    )
-    return (_run_large if large else _run_plain)(scenes, states, schedule)
+    if not is_traced((scenes, states)) and accepts_options(series=True):
+        return _run_large(scenes, states, schedule)
+    return _run_plain(scenes, states, schedule._replace(method=schedule.method._replace(large_kernels=False)))
 
 
 def _run_samples(scenes: Any, states: Any, schedule: Schedule) -> tuple[Any, Int[Array, " lanes"]]:

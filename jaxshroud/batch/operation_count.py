@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxshroud.batch.periods import advance, begin_lanes
+from jaxshroud.batch.periods import begin_lanes
 from jaxshroud.batch.rows import row_models, rows_at_start
 from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import one_lane, vmapped
@@ -15,6 +15,7 @@ from jaxshroud.cache.programs import kept
 from jaxshroud.march.carry import Fixed, Lane, time_grid
 from jaxshroud.march.method import Choices
 from jaxshroud.march.row_trial import row_trial
+from jaxshroud.march.stepper import stepper_for
 from jaxshroud.model.prepared import initial_state, prepared_model
 from jaxshroud.scene.scene import Scene
 
@@ -54,7 +55,7 @@ def size_of_row_trial(scene: Scene, method: Choices) -> TrialSize:
 @kept("method")
 def _size_of_pair_trial(scene: Scene, method: Choices) -> TrialSize:
     lanes, fixed = _shapes_of_trial(scene, method)
-    traced = jax.make_jaxpr(lambda lanes, fixed: advance(lanes, fixed, method, vmapped))(lanes, fixed)
+    traced = jax.make_jaxpr(lambda lanes, fixed: stepper_for(method).trial(lanes, fixed, method, vmapped))(lanes, fixed)
     return TrialSize(len(jax.tree.leaves(lanes)), sum(_counted(traced.jaxpr)))
 
 
@@ -67,7 +68,7 @@ def _size_of_row_trial(scene: Scene, method: Choices) -> TrialSize:
 
 def lowered_operations(scene: Scene, method: Choices) -> float:
     """The number of operations from XLA's own cost analysis: a check."""
-    trial = jax.jit(lambda lanes, fixed: advance(lanes, fixed, method, vmapped))
+    trial = jax.jit(lambda lanes, fixed: stepper_for(method).trial(lanes, fixed, method, vmapped))
     lowered = trial.lower(*_shapes_of_trial(scene, method))
     analysis: Any = lowered.cost_analysis()
     return float(analysis["flops"] + analysis.get("transcendentals", 0.0))

@@ -175,15 +175,14 @@ def _interpolated(scenes: Scene, trials: DenseTrial, index, at, per_period: Scal
 def _dense_trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choices, each: EachLane):
     """The next trials (lanes, trials); those after the last of the steps `left` (lanes,) are idle."""
     models, period = jax.vmap(lambda scene: (prepared_model(scene), scene.drive.period))(scenes)
-    grids, stepper = clock.grids(period), stepper_for(method)
-    assert stepper.dense_output is not None
-    trial_of = stepper.dense_output.trial
+    grids, dense = clock.grids(period), stepper_for(method).dense_output
+    assert dense is not None
 
     def one(carry):
         lanes, left = carry
         fixed = Fixed(models, grids, jnp.minimum(lanes.step + left, clock.steps))
-        tried, interpolants = each(lambda lane, fixed: trial_of(lane, fixed, method), lanes, fixed)
-        ahead = stepper.update(lanes, tried, fixed, method, each)
+        tried, interpolants = each(lambda lane, fixed: dense.trial(lane, fixed, method), lanes, fixed)
+        ahead = dense.update(lanes, tried, fixed, method, each)
         trials = DenseTrial(
             interpolant=interpolants,
             u_s=lanes.state.u_s,

@@ -11,13 +11,13 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxshroud.batch.states import by_blade, by_blade_or_interface, by_interface, carried_state, with_zeros
-from jaxshroud.batch.xla import compiled, repeated_while, stage_groups
+from jaxshroud.batch.xla import compiled, has_several_kernels, repeated_while
 from jaxshroud.march.accumulator import Accumulator, Log, left_position_at, mean_position
-from jaxshroud.march.carry import EachLane, Lane, LaneTree, TimeGrid, running, time_grid
+from jaxshroud.march.carry import EachLane, Lane, TimeGrid, running, time_grid
 from jaxshroud.march.forces_and_energy import energy_residual, is_unbalanced, total_energy
 from jaxshroud.march.log import log_of_new_period
 from jaxshroud.march.method import FLAT_RETURN, Choices
-from jaxshroud.march.stepper import StageGroups, alone, begin_lane, stepper_for
+from jaxshroud.march.stepper import begin_lane, stepper_for
 from jaxshroud.model.arithmetic import filled, traced_once
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State, prepared_model
@@ -30,19 +30,6 @@ from jaxshroud.scene.typed import Tree
 def whole_tree(lanes: Tree) -> Tree:
     """The tree itself."""
     return lanes
-
-
-def advance(lanes: LaneTree, fixed: LaneTree, method: Choices, each: EachLane) -> LaneTree:
-    """Make one trial step of every running lane: by one kernel, or by several for the trial and for the update."""
-    stepper, groups = stepper_for(method), stage_groups(method, fixed.model.law)
-
-    def whole(lanes: LaneTree, fixed: LaneTree, each: EachLane, groups: StageGroups) -> LaneTree:
-        trials = stepper.trial(lanes, fixed, method, each, groups)
-        return stepper.update(lanes, trials, fixed, method, each)
-
-    if groups is None:
-        return each(lambda lane, fixed: whole(lane, fixed, alone, ()), lanes, fixed)
-    return whole(lanes, fixed, each, groups)
 
 
 def march(
@@ -58,11 +45,11 @@ def march(
     With `most_trials` there are exactly that many trials: a loop of fixed length can be differentiated in reverse mode.
     With `passes` there are so many of the loop at most; what is left of them is a second result.
     """
-    once = jax.jit(lambda lanes: advance(lanes, fixed, method, each))  # traced once
+    stepper = stepper_for(method)
+    once = jax.jit(lambda lanes: stepper.trial(lanes, fixed, method, each))  # traced once
     if most_trials is not None:
         return lax.fori_loop(0, most_trials, lambda _, lanes: once(lanes), lanes)
-    several = stage_groups(method, fixed.model.law) is not None
-    return repeated_trials(once, lanes, fixed.stop, several, passes)
+    return repeated_trials(once, lanes, fixed.stop, has_several_kernels(method), passes)
 
 
 def repeated_trials(

@@ -28,7 +28,7 @@ from jaxshroud.march.forces_and_energy import contact_spring_energy, energy_resi
 from jaxshroud.march.log import accumulator_of_new_period
 from jaxshroud.march.method import Choices
 from jaxshroud.march.row_trial import begin_row, row_trial
-from jaxshroud.model.arithmetic import ZERO, filled, is_zero
+from jaxshroud.model.arithmetic import ZERO, filled, is_zero, total
 from jaxshroud.model.modes import FLAT, Status
 from jaxshroud.model.points_contact import points_last
 from jaxshroud.model.prepared import Model, State
@@ -60,8 +60,7 @@ def lanes_first(tree: Tree) -> Tree:
 
 def row_models(scenes: Scene) -> tuple[RowModel, Float[Array, " lanes"]]:
     """The constants of rows, lanes last, and their drive periods."""
-    models = lanes_last(jax.vmap(prepared_row)(scenes))
-    return models, scenes.drive.period
+    return lanes_last(jax.vmap(prepared_row)(scenes)), scenes.drive.period
 
 
 def begin_rows(scenes: Scene, states: State, method: Choices) -> Lane:
@@ -104,9 +103,9 @@ def march_rows(lanes: Lane, fixed: Fixed, method: Choices, each: EachLane, passe
 def energies_in_rows(state: State, model: RowModel, each: EachLane) -> Float[Array, " lanes"]:
     """The energy stored in blades, in the springs between them and in contact springs [J]."""
     springs = over(each, contact_spring_energy, pair_states(state, model), model.interfaces)
-    own = jnp.sum(blade_energies(state.motion, model, each), axis=0) + jnp.sum(springs, axis=0)
+    own = total(blade_energies(state.motion, model, each)) + total(springs)
     between = coupling_energies(state.motion, model)
-    return own if is_zero(between) else own + jnp.sum(between, axis=0)
+    return own if is_zero(between) else own + total(between)
 
 
 def row_jumps(accumulator: Accumulator) -> EnergyJumps:

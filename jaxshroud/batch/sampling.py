@@ -13,13 +13,14 @@ from jax import lax
 from jaxtyping import Array, Int
 
 from jaxshroud.batch.limits import CallPace
-from jaxshroud.batch.periods import CallLimits, Clock, advance, first_passes, march_steps
+from jaxshroud.batch.periods import CallLimits, Clock, first_passes, march_steps
 from jaxshroud.batch.states import as_arrays, with_zeros
-from jaxshroud.batch.xla import best_mapping, compiled, stage_groups
+from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.cache.programs import kept
 from jaxshroud.march.carry import EachLane, Fixed, Lane, running
 from jaxshroud.march.forces_and_energy import slider_position
 from jaxshroud.march.method import Choices
+from jaxshroud.march.pair_as_row import end_of_trial
 from jaxshroud.march.stepper import stepper_for
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.modes import Status
@@ -269,24 +270,21 @@ class _SampledTrial(NamedTuple):
 def _event_trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choices, each: EachLane):
     """The next trials that ended a step or at an event; those after the last of the steps `left` are idle."""
     models, period = jax.vmap(lambda scene: (prepared_model(scene), scene.drive.period))(scenes)
-    grids, groups = clock.grids(period), stage_groups(method, models.law) or ()
-
-    def end_of_trial(lanes, fixed):
-        return stepper_for(method).trial(lanes, fixed, method, each, groups)
+    grids, trial = clock.grids(period), stepper_for(method).trial
 
     def one(carry, _):
         lanes, left = carry
         fixed = Fixed(models, grids, jnp.where(left > 0, lanes.step + 1, lanes.step))
 
         def once(lanes):
-            return advance(lanes, fixed, method, each)
+            return trial(lanes, fixed, method, each)
 
         def idle(pair):
             return jnp.any(~(event_fired(*pair) | _step_ended(*pair)) & running(pair[1], fixed.stop))
 
         before, ahead = lax.while_loop(idle, lambda pair: (pair[1], once(pair[1])), (lanes, once(lanes)))
-        trial = _SampledTrial(
-            jax.vmap(with_slider_updated)(end_of_trial(before, fixed).state, before.status, models),
+        sampled = _SampledTrial(
+            jax.vmap(with_slider_updated)(end_of_trial(before, fixed, method, each), before.status, models),
             jax.vmap(sampled_state)(ahead, models),
             before.search.done + before.search.length,
             event_fired(before, ahead),
@@ -294,7 +292,7 @@ def _event_trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choice
         )
         around = jnp.where(ahead.step == clock.steps, 0, ahead.step)
         ahead = eqx.tree_at(lambda lanes: lanes.step, ahead, around)
-        return (ahead, left - trial.arrived[0].astype(left.dtype)), trial
+        return (ahead, left - sampled.arrived[0].astype(left.dtype)), sampled
 
     return lax.scan(one, (lanes, left), None, length=EVENT_TRIALS_PER_CALL)
 

@@ -8,7 +8,7 @@ there is nothing to reduce, and the reducer is called once for each lane.
 
 A kernel is kept whole up to some 3,500 operations; beyond, XLA:CPU cuts it into functions that recompute each other's
 results. With more than some 120 arguments or results it no longer uses vector registers. Larger functions are
-therefore split: see `stage_groups`.
+therefore split: see `march.row_step.whole`, and the options `FOR_SERIES` keep larger ones whole.
 """
 
 import warnings
@@ -27,9 +27,9 @@ from jaxshroud.cache.garbage import no_garbage_collected
 from jaxshroud.cache.programs import is_traced, kept
 from jaxshroud.march.carry import EachLane
 from jaxshroud.march.method import Choices
-from jaxshroud.march.stepper import StageGroups, stepper_for
+from jaxshroud.march.stepper import stepper_for
 from jaxshroud.model.arithmetic import Scalar
-from jaxshroud.model.contact_law import ContactLaw
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.typed import Tree
 
 WIDE_VECTORS = {"xla_cpu_prefer_vector_width": 512}  # the widest registers, where the CPU has them
@@ -38,13 +38,7 @@ FOR_SERIES = WIDE_VECTORS | {"xla_cpu_use_fusion_emitters": False}
 
 Its kernels have 3,000 to 8,000 operations: the usual emitter takes minutes for them, this one seconds.
 """
-STAGES_AT_ONCE = 7  # in one kernel
-STAGES_WITH_EVENTS = 4  # in one kernel with the rest of a trial
-DUAL_STAGES = 4  # in one kernel with tangents
 DUAL_NUMBERS = 160  # of values and tangents in one kernel; with more, two kernels are faster
-LONG_LAW_STAGE_SHARE = (
-    0.75  # of these for laws that are long, as smooth contact's: with more, order 8 is 60 times slower
-)
 
 
 def compiled(*static: str) -> Callable[[Callable], Callable]:
@@ -63,23 +57,35 @@ def compiled(*static: str) -> Callable[[Callable], Callable]:
         def large(*, tolerance: Scalar, method: Choices, **given: Any) -> Any:
             return f(**given, method=method.with_tolerance(tolerance))
 
+        whole = kept(*static, compiler_options=FOR_SERIES)(f)
+
         @wraps(f)
         def call(*args: Any, **kwargs: Any) -> Any:
             given = signature(f).bind(*args, **kwargs).arguments
             method: Choices | None = given.get("method")
             if method is not None:
                 given["method"] = method.as_static
-            has_large = method is not None and stepper_for(method).large_kernels
+            scenes = given.get("scenes")
+            has_large = method is not None and _has_large_kernels(method, getattr(scenes, "value", scenes))
             if is_traced((args, kwargs)) or not accepts_options(has_large):
-                return plain(*args, **kwargs)
+                if method is not None:
+                    given["method"] = given["method"]._replace(large_kernels=False)
+                return plain(**given)
             if method is None or not has_large:
                 return widest(**given)
+            if not stepper_for(method).large_kernels:
+                return whole(**given)
             return large(**given | {"method": method.as_static.with_tolerance()}, tolerance=method.tolerance)
 
         call.widest, call.large = widest, large  # pyright: ignore[reportAttributeAccessIssue]
         return call
 
     return decorate
+
+
+def _has_large_kernels(method: Choices, scenes: Any) -> bool:
+    """Whether the kernels of a march have thousands of operations: those of pairs, whose axes are unrolled."""
+    return stepper_for(method).large_kernels or scenes.layout == PAIR
 
 
 @cache
@@ -132,6 +138,8 @@ def fused(f: Callable, *args: Any) -> Any:
     if not jaxpr.out_avals:
         return jax.tree.unflatten(out_tree, [])
     used = _used_arguments(jaxpr.jaxpr)
+    if not used:
+        return vmapped(f, *args)
     operands, results = _operands_for_results([leaves[i] for i in used], [a.dtype for a in jaxpr.out_avals])
     kernel = _reducer(one, scalars, used, results)
     zeros = tuple(jnp.zeros((), a.dtype) for a in operands)
@@ -220,18 +228,9 @@ def _probe_function(lane: Any) -> dict[str, Any]:
     return {"state": (x, v), "count": n, "held": held, "passed": passed, "done": n > 6}
 
 
-def stage_groups(method: Choices, law: ContactLaw) -> StageGroups | None:
-    """The stages after which a trial is split into kernels; None where trial and update are one kernel together."""
-    if stepper_for(method).large_kernels:
-        return ()
-    size = len(method.rk.b)
-    if law.fills_kernels:
-        return tuple(range(1, size))
-    if size <= STAGES_WITH_EVENTS and not method.derivative:
-        return () if method.has_long_accumulator else None
-    at_once = DUAL_STAGES if method.derivative else STAGES_AT_ONCE
-    at_once = int(at_once * LONG_LAW_STAGE_SHARE) if law.is_long else at_once
-    return tuple(range(at_once, size, at_once))
+def has_several_kernels(method: Choices) -> bool:
+    """Whether the trial of a pair is made of several kernels."""
+    return stepper_for(method).large_kernels or method.derivative
 
 
 def repeated_while(

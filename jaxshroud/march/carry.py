@@ -101,7 +101,6 @@ class Search(NamedTuple):
     recheck: Bool[Array, "..."]  # guards may have jumped: a violated guard counts even in a trial of length zero
     events: Int[Array, "..."]  # in this step
     target: Target | None  # None unless events are located by cubics
-    refinements: Int[Array, "..."] | None = None  # times that the event of a pair was located, for its derivative
     pending: Bool[Array, "interfaces lanes"] | None = None  # of a row with derivatives: events at this very instant
     turns: Int[Array, "interfaces lanes"] | None = None  # of a row whose blocks turn: changes of case within this step
 
@@ -117,14 +116,12 @@ def new_search(
     recheck: Bool[Array, "..."],
     events: Int[Array, "..."],
     locate: Locate,
-    refines: bool,
     of_row: bool = False,
 ) -> Search:
-    """A search without a bracket; `refines`: an event is located several times, for its derivative."""
+    """A search without a bracket."""
     zero, no, none = jnp.zeros_like(done), jnp.zeros_like(done, bool), jnp.zeros_like(done, jnp.int32)
     target = Target(none, zero, zero, zero, none, none if of_row else None) if locate == "cubic" else None
-    refinements = none if refines and locate != "none" else None
-    return Search(done, length, zero, zero, no, no, no, recheck, events, target, refinements)
+    return Search(done, length, zero, zero, no, no, no, recheck, events, target)
 
 
 def following_search(
@@ -136,8 +133,8 @@ def following_search(
     done = where(complete, 0.0, done)
     events = where(complete, 0, search.events + fire.astype(jnp.int32))
     of_row = search.target is not None and search.target.place is not None
-    length, refines = where(recheck, 0.0, 1 - done), search.refinements is not None
-    after = new_search(done, length, recheck, events, locate, refines, of_row)
+    length = where(recheck, 0.0, 1 - done)
+    after = new_search(done, length, recheck, events, locate, of_row)
     # a trial that ended at the maximum of a guard leaves it there, where the next trial need not look for it
     after = after._replace(probing=search.probing & ~fire & ~complete, pending=search.pending)
     turns = None if search.turns is None else where(complete, 0, search.turns)

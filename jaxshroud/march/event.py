@@ -4,6 +4,7 @@ Guards are negative until their event happens: functions of the contact at an in
 events stand in `events`; `Choices.events` has a user's own.
 """
 
+import operator
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial, reduce
@@ -98,7 +99,7 @@ def present(numbers: tuple[Any, ...]) -> list[int]:
 
 def any_of(flags: Iterable[Bool[Array, "..."]]) -> Bool[Array, "..."]:
     """Whether any of the flags is true."""
-    return reduce(jnp.logical_or, flags)
+    return reduce(operator.or_, flags)
 
 
 class EventInstant(NamedTuple):

@@ -170,34 +170,6 @@ class TrialOutcome(NamedTuple):
     low: Guards | None  # as the guards where the target is, at the lower end of the bracket or the start of the trial
 
 
-def outcome_of_pair(
-    search: Search,
-    low: Guards,
-    end: Guards,
-    violated: Violated,
-    jumps: Bool[Array, ""],
-    exact: Bool[Array, ""],
-    h: Scalar,
-) -> TrialOutcome:
-    """What a trial of a pair has shown that ended with the guards `end`.
-
-    Args:
-        search: The search that made the trial.
-        low: The guards at the lower end of the bracket, or at the start of the trial.
-        end: The guards at its end.
-        violated: Which guards count as above zero.
-        jumps: Whether the forces jump at the violated guard that takes precedence.
-        exact: Whether that guard is zero to rounding, and no other is violated.
-        h: The length of a whole step [s].
-    """
-    hit, top = any_of(violated.values()), first_interior_maximum(low, end, search.length * h)
-    target = now = None
-    if search.target is not None:
-        target = first_crossed(low, end, violated, search.target)[1]
-        now = select(hit | ~search.bracketing, low, end)
-    return TrialOutcome(hit, jumps, exact, top, target, now)
-
-
 def judge_trial(search: Search, outcome: TrialOutcome, h: Scalar, method: Choices) -> LocationDecision:
     """Decide on a trial with such an `outcome`, of a pair or of a row; `h` is the length of a whole step [s]."""
     hit = outcome.hit

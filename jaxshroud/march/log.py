@@ -18,13 +18,13 @@ from jaxshroud.march.locate import select
 from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Beginning, BladeTrial, InterfaceTrial, Lift, Observable, Per
-from jaxshroud.model.arithmetic import ZERO, Scalar, both_sides, is_zero, where, zeros_for
+from jaxshroud.model.arithmetic import ZERO, Scalar, both_sides, is_unrolled, is_zero, where, zeros_for
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State, touches_at_corners
 from jaxshroud.model.rhs import Integrals, rhs
-from jaxshroud.model.row import Each, OfInterfaces, RowModel, over, pair_states
+from jaxshroud.model.row import Each, OfInterfaces, RowModel, _at, over, pair_states
 from jaxshroud.scene.keys import Motion
 
 
@@ -189,11 +189,13 @@ def new_row_log(state: State, at: OfInterfaces, model: RowModel, method: Choices
     """The log of a row that starts from `state`; `at` are zeros."""
     motion, v = model.blades.shroud(state.motion), penetrations(state, model, each)
     contact = Beginning(None, at, v, model.interfaces)
-    zero = jnp.zeros_like(motion.x)
+    zero = jax.tree.map(jnp.zeros_like, motion.x)
     blades = Beginning(motion, zero, zero, None)
 
     def start(one):
-        return one.start(contact if one.per == "interface" else blades)
+        if not is_unrolled(at):
+            return one.start(contact if one.per == "interface" else blades)
+        return over(each, one.start, contact if one.per == "interface" else blades)
 
     return log_of({one.name: start(one) for one in observables_of(method)})
 
@@ -216,8 +218,16 @@ def _updated_row_log(log: Log, trial: AcceptedTrial, model: RowModel, method: Ch
     at_once = {
         one.name: one.update(value_in(log, one.name), contact if one.per == "interface" else blades)
         for one in observables_of(method)
-        if one.takes == "all"
+        if one.takes == "all" and not is_unrolled(end.x)
     }
+    if is_unrolled(end.x):
+        alone = [one for one in observables_of(method) if one.takes == "all"]
+        at_once = _updated_each(log, contact, [one for one in alone if one.per == "interface"], each)
+        left = [one for one in alone if model.is_pair and one.per == "left blade"]
+        at_once |= {one.name: one.update(value_in(log, one.name), _at(0, blades)) for one in left}
+        at_once |= _updated_each(
+            log, blades, [one for one in alone if one.per != "interface" and one not in left], each
+        )
     values = at_once | trial.events
     if takers_of_one("interface", method):
         start, end = pair_states(trial.start, model), both_sides(end, model.closed)
@@ -248,10 +258,16 @@ def _updated_each(log: Log, trial: Any, observables: list[Observable], each: Eac
     return over(each, updated, {one.name: value_in(log, one.name) for one in observables}, trial)
 
 
+def _reset_in_row(one: Observable, before: Any, z: Motion) -> Any:
+    if not is_unrolled(z.x):
+        return one.reset(before, z)
+    return over(lambda f, *a: f(*a), one.reset, before, both_sides(z, False) if one.per == "interface" else z)
+
+
 def accumulator_of_new_period(accumulator: Accumulator, z: Motion, method: Choices) -> Accumulator:
     """The accumulator with what is told of each period reset, at the motion `z`."""
     integrals, jumps = jax.tree.map(jnp.zeros_like, (accumulator.integrals, accumulator.jumps))
     log = accumulator.log
     if log is not None:
-        log = log_of({one.name: one.reset(value_in(log, one.name), z) for one in observables_of(method)})
+        log = log_of({one.name: _reset_in_row(one, value_in(log, one.name), z) for one in observables_of(method)})
     return Accumulator(integrals, jumps, log, accumulator.margins)

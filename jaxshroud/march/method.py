@@ -75,6 +75,7 @@ class Choices(NamedTuple):
     observables: tuple[Observable, ...] = ()  # a user's own, logged beside the built-in ones
     events: tuple[Event, ...] = ()  # a user's own, which are counted by their names beside these observables
     flat_return: float = FLAT_RETURN  # of a drive period: faces whose rocking returns sooner become flat
+    large_kernels: bool = True  # all stages of a pair's step in one, for which XLA needs options of its own
 
     def __check_init__(self):
         locator_for(self.tableau, self.locate)

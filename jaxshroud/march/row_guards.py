@@ -34,13 +34,24 @@ from jaxshroud.march.locate import (
     select_guard,
 )
 from jaxshroud.march.method import Choices
-from jaxshroud.model.arithmetic import ZERO, Scalar, Zero, is_zero
+from jaxshroud.model.arithmetic import (
+    ZERO,
+    Scalar,
+    any_along,
+    at_place,
+    is_place,
+    is_unrolled,
+    is_zero,
+    least,
+    place_of_largest,
+    total,
+    where,
+)
 from jaxshroud.model.geometry import Kinematics
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import EndTorques, Recorded, law_forces, torques_along_face
 from jaxshroud.model.row import (
     Each,
-    OfInterfaces,
     RowModel,
     blade_forces,
     clusters,
@@ -55,9 +66,7 @@ from jaxshroud.model.row import (
 ONLY_FORCES = Recorded()
 
 
-def row_torques(
-    state: State, wave: Any, model: RowModel, each: Each
-) -> tuple[OfInterfaces | Zero, OfInterfaces | Zero]:
+def row_torques(state: State, wave: Any, model: RowModel, each: Each) -> tuple[Any, Any]:
     """The relative torque of each interface with contact at the corner of its case, and the inertia against it."""
     if not model.turns_by_events:
         return ZERO, ZERO
@@ -158,22 +167,20 @@ class RowOutcome(NamedTuple):
 def row_outcome(search: Search, outcome: InterfaceOutcome, low: Guards) -> RowOutcome:
     """The outcome of each lane, from those of its interfaces."""
     hit, target = outcome.hit, search.target
-    hits, any_hit = jnp.sum(hit, axis=0, dtype=jnp.int32), jnp.any(hit, axis=0)
-    first = jnp.argmax(jnp.where(hit, outcome.share, -1.0), axis=0).astype(jnp.int32)
-    place = first if target is None or target.place is None else jnp.where(any_hit, first, target.place)
-    here = jnp.arange(len(hit), dtype=jnp.int32)[:, None] == place[None]
-
-    def at_place(a):
-        return jnp.sum(jnp.where(here, a, jnp.zeros_like(a)), axis=0, dtype=a.dtype)
-
+    hits = total(hit.astype(jnp.int32))
+    any_hit = any_along(hit)
+    first = place_of_largest(where(hit, outcome.share, -1.0))
+    place = first if target is None or target.place is None else where(any_hit, first, target.place)
+    here = is_place(place, hit)
     now = select(any_hit | ~search.bracketing, low, outcome.guards)
+    crossed, low_there = jax.tree.map(partial(at_place, here), (outcome.crossed, now), is_leaf=is_unrolled)
     return RowOutcome(
-        hits,
-        jnp.any(outcome.jumps, axis=0),
-        jnp.all(outcome.exact | ~hit, axis=0),
-        jnp.min(outcome.top, axis=0),
-        jax.tree.map(at_place, outcome.crossed)._replace(place=place),
-        jax.tree.map(at_place, now),
+        hits=hits,
+        jumps=any_along(outcome.jumps),
+        exact=~any_along(hit & ~outcome.exact),
+        top=least(outcome.top),
+        crossed=crossed._replace(place=place),
+        low=low_there,
     )
 
 

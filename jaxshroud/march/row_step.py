@@ -5,6 +5,8 @@ each has an instant of its own, which a direction may move apart from the others
 their order does not matter.
 """
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -15,14 +17,21 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxshroud.march.carry import Fixed, Lane
 from jaxshroud.march.locate import at_event, event_tolerance, select_guard
 from jaxshroud.march.method import Choices
-from jaxshroud.march.rk_step import TrialInterval, interval_in_step, waves_at_nodes
+from jaxshroud.march.rk_step import TrialInterval, interval_in_step, stage_state, waves_at_nodes, weighted_sum
 from jaxshroud.march.row_guards import row_guards
-from jaxshroud.model.arithmetic import ZERO, zeros_for
+from jaxshroud.model.arithmetic import ZERO, any_along, is_place, is_unrolled, total, where, zeros_for
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Integrals
-from jaxshroud.model.row import Cluster, Each, RowModel, clusters_of, row_rhs
+from jaxshroud.model.row import Cluster, Each, FlatPair, RowModel, alone, clusters_of, row_rhs
 
 OfLanes = Float[Array, " lanes"]
+
+
+def whole(each: Each, f: Callable[..., Any], *trees: Any) -> Any:
+    """`f(*trees, each=...)` of rows: of unrolled ones as one kernel, of others with its own kernels."""
+    if each is alone or not any(map(is_unrolled, jax.tree.leaves(trees, is_leaf=is_unrolled))):
+        return f(*trees, each=each)
+    return each(partial(f, each=alone), *trees)
 
 
 class RowStepEnd(NamedTuple):
@@ -34,12 +43,19 @@ class RowStepEnd(NamedTuple):
 
 
 def row_step(
-    interval: TrialInterval, start: State, cluster: Cluster | None, model: RowModel, method: Choices, each: Each
+    interval: TrialInterval,
+    start: State,
+    cluster: Cluster | FlatPair | None,
+    model: RowModel,
+    method: Choices,
+    each: Each,
 ) -> RowStepEnd:
     """One step from `start`, over the `interval` of each lane.
 
     The stages are a loop, so that the kernels of interfaces and blades are compiled once for all of them.
     """
+    if is_unrolled(start.case) and each is alone:
+        return _unrolled_step(interval, start, cluster, model, method)
     tableau, h = method.rk, interval.h
     stages = len(tableau.b)
     padded = [[*row, *[0.0] * (stages - len(row))] for row in tableau.a]
@@ -47,17 +63,20 @@ def row_step(
     waves = each(lambda interval: waves_at_nodes(interval, {*tableau.c, 1.0}), interval)
     at_stages = jax.tree.map(lambda *a: jnp.stack(a), *(waves[c] for c in tableau.c))
 
+    rates_of = partial(row_rhs, recorded=method.recorded)
+
     def stage(i: Any, carry: Any) -> Any:
         slopes, gain = carry
         now = _advanced(start, h, weights[i], slopes, model)
-        derivative, rates = row_rhs(jax.tree.map(lambda a: a[i], at_stages), now, cluster, model, method.recorded, each)
+        at = jax.tree.map(lambda a: a[i], at_stages)
+        derivative, rates = whole(each, rates_of, at, now, cluster, model)
         z = now.motion
         slope = model.blades.rate(z, derivative.acceleration), derivative.u_s
         gain = jax.tree.map(lambda total, rate: total + b[i] * rate, gain, rates)
         return jax.tree.map(lambda all, one: all.at[i].set(one), slopes, slope), gain
 
     first = jax.tree.map(lambda a: a[0], at_stages)
-    nothing = zeros_for(lambda: row_rhs(first, start, cluster, model, method.recorded, each)[1])
+    nothing = zeros_for(lambda: whole(each, rates_of, first, start, cluster, model)[1])
     u_s = start.u_s if model.interfaces.law.flows else ZERO
     none = jax.tree.map(lambda a: jnp.zeros((stages, *a.shape), a.dtype), (start.motion, u_s))
     slopes, gain = jax.lax.fori_loop(0, stages, stage, (none, nothing))
@@ -65,12 +84,34 @@ def row_step(
     return RowStepEnd(_advanced(start, h, b, slopes, model), waves[1.0], gain)
 
 
+def _unrolled_step(
+    interval: TrialInterval, start: State, cluster: Cluster | FlatPair | None, model: RowModel, method: Choices
+) -> RowStepEnd:
+    """`row_step` of one lane, with its stages one after the other."""
+    tableau, h = method.rk, interval.h
+    flows = model.interfaces.law.flows
+    waves = waves_at_nodes(interval, {*tableau.c, 1.0})
+    slopes: list[State] = []
+    gain = None
+    for i, c in enumerate(tableau.c):
+        now = stage_state(start, h, tableau.a[i][:i], slopes, flows)
+        derivative, rates = row_rhs_once(waves[c], now, cluster, model, method.recorded, alone)
+        rate = model.blades.rate(now.motion, derivative.acceleration)
+        slopes.append(State(rate, derivative.u_s, None, None))
+        gain = weighted_sum(gain, tableau.b[i], rates)
+    gain = jax.tree.map(lambda a: h * a, gain)
+    return RowStepEnd(stage_state(start, h, tableau.b, slopes, flows), waves[1.0], gain)
+
+
+row_rhs_once = jax.jit(row_rhs, static_argnames=("recorded", "each"), inline=True)  # traced once for all stages
+
+
 def _advanced(start: State, h: OfLanes, weights: Array, slopes: tuple[Any, Any], model: RowModel) -> State:
     """The start + h sum(weights * slopes), the slopes of all stages along the first axis."""
-    by_stage = weights[:, None, None]
 
     def add(z, k):
-        return z + h[None] * jnp.sum(by_stage * k, axis=0)
+        by_stage = weights.reshape(-1, *[1] * z.ndim)
+        return z + h * jnp.sum(by_stage * k, axis=0)
 
     motion = jax.tree.map(add, start.motion, slopes[0])
     u_s = add(start.u_s, slopes[1]) if model.interfaces.law.flows else start.u_s
@@ -89,19 +130,19 @@ class RowCrossing(NamedTuple):
 
 def one_after_the_other(crossing: RowCrossing, lane: Lane, place: Any, h: OfLanes, method: Choices) -> RowCrossing:
     """The crossing of the event at `place` alone, in a step of `h` seconds, with those that are left."""
-    search, here = lane.search, jnp.arange(len(crossing.fires), dtype=jnp.int32)[:, None] == place[None]
+    search, here = lane.search, is_place(place, crossing.fires)
     assert search.pending is not None
     moves = search.length > 0
-    first, eligible = crossing.fires & here, crossing.fires & (search.pending | moves[None])
-    fires = jnp.any(first, axis=0)
-    waits = ~moves & jnp.any(first & search.pending, axis=0)
+    first, eligible = crossing.fires & here, crossing.fires & (search.pending | moves)
+    fires = any_along(first)
+    waits = ~moves & any_along(first & search.pending)
     finest = event_tolerance(jnp.zeros((), bool), method, h.dtype)
     return RowCrossing(
         first,
         crossing.kind,
         fires & (moves | waits),
-        jnp.where(waits, finest * h, crossing.delay),
-        jnp.where(fires[None], eligible & ~first, search.pending),
+        where(waits, finest * h, crossing.delay),
+        where(fires, eligible & ~first, search.pending),
     )
 
 
@@ -112,12 +153,17 @@ def differentiable_event_end(
 
     The slopes are those of the step by its own length, so that what is computed is differentiated exactly.
     """
-    ends, length = jnp.any(crossing.fires, axis=0) & crossing.is_root, lane.search.length
+    ends, length = any_along(crossing.fires) & crossing.is_root, lane.search.length
 
     def still():
         return (end, length)
 
-    return lax.cond(jnp.any(ends), lambda: _at_root(end, lane, ends, crossing, fixed, method, each), still)
+    def at_root():
+        found = partial(_at_root, method=method)
+        trees = end, lane, ends, crossing, fixed
+        return whole(each, found, *trees) if method.large_kernels else found(*trees, each=each)
+
+    return lax.cond(jnp.any(ends), at_root, still)
 
 
 def _at_root(
@@ -139,7 +185,7 @@ def _at_root(
         values = select_guard(
             row_guards(end.state, end.wave, fixed.model, each, method.all_events).value, crossing.kind
         )
-        return jnp.sum(jnp.where(crossing.fires, values, 0.0), axis=0)
+        return total(where(crossing.fires, values, 0.0))
 
     def after(length: OfLanes) -> tuple[Any, OfLanes]:
         row, constants = lax.stop_gradient((lane, fixed))
@@ -150,7 +196,7 @@ def _at_root(
 
     length = lane.search.length
     _, (slopes, rate) = jax.jvp(after, (lax.stop_gradient(length),), (jnp.ones_like(length),))
-    rate = jnp.where(ends & (rate > 0), rate, jnp.inf)
+    rate = where(ends & (rate > 0), rate, jnp.inf)
     quantities, slopes = (*moving(end), length), (*slopes, jnp.ones_like(length))
     motion, u_s, gain, length = at_event(quantities, slopes, guard(end, fixed), rate)
     state = State(motion, u_s if flows else end.state.u_s, end.state.mode, end.state.case)

@@ -18,6 +18,7 @@ from jaxshroud.march.carry import (
     Fixed,
     InterfaceChange,
     Lane,
+    Search,
     TimeGrid,
     change_at,
     following_search,
@@ -68,14 +69,26 @@ from jaxshroud.march.row_step import (
     differentiable_event_end,
     one_after_the_other,
     row_step,
+    whole,
 )
-from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, is_zero, zeros_for
+from jaxshroud.model.arithmetic import (
+    ANGLE_RANGE,
+    Scalar,
+    Unrolled,
+    any_along,
+    is_unrolled,
+    is_zero,
+    total,
+    where,
+    zeros_for,
+)
 from jaxshroud.model.modes import FLAT, Status
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.row import (
     Each,
     RowModel,
+    alone,
     blade_energies,
     clusters,
     clusters_of,
@@ -87,11 +100,14 @@ from jaxshroud.model.row import (
 
 def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Lane:
     """A row at step 0. The first trial has length zero: it sets the guards, and a start in overlap is an onset."""
-    lanes, shape = jnp.zeros_like(jax.tree.leaves(state.motion)[0][0]), jnp.shape(state.case)
-    count, at = jnp.zeros(lanes.shape, jnp.int32), jnp.zeros(shape, lanes.dtype)
-    pending = jnp.zeros(shape, bool) if method.derivative else None
-    turns = jnp.zeros(shape, jnp.int32) if model.turns_by_events else None
-    search = new_search(lanes, lanes, jnp.ones(lanes.shape, bool), count, method.locate, False, of_row=True)
+    lanes = no_time(state)
+    count = jnp.zeros(lanes.shape, jnp.int32)
+    at = jax.tree.map(lambda case: jnp.zeros(case.shape, lanes.dtype), state.case)
+    pending = at == 1 if method.derivative else None
+    turns = None
+    if model.turns_by_events and len(state.case) > 1:
+        turns = jax.tree.map(jnp.zeros_like, state.case)
+    search = new_search(lanes, lanes, jnp.ones(lanes.shape, bool), count, method.locate, of_row=True)
     search = search._replace(pending=pending, turns=turns)
     zero_step = interval_in_step(count, lanes, lanes, TimeGrid(lanes, lanes, lanes, lanes))
     nothing = zeros_for(lambda: row_step(zero_step, state, clusters_of(state, model), model, method, each).gain)
@@ -101,7 +117,7 @@ def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Lan
         guards = zeros_for(lambda: row_guards(state, (lanes, lanes), model, each, method.all_events))
         guards = guards_to_begin_with(guards, method.all_events)
     log = None if method.derivative else new_row_log(state, at, model, method, each)
-    margins = no_margins(at) if method.margins else None
+    margins = over(each, no_margins, at) if method.margins else None
     return Lane(state, count, search, guards, Accumulator(nothing, EnergyJumps(at, lanes), log, margins), count)
 
 
@@ -154,7 +170,7 @@ def interface_change(
 
 
 class RowVerdict(NamedTuple):
-    """What a trial leads to. Nothing here has a derivative."""
+    """What a trial leads to."""
 
     decision: LocationDecision
     outcome: InterfaceOutcome  # of each interface
@@ -162,6 +178,11 @@ class RowVerdict(NamedTuple):
     torque: Any  # of each interface, see `row_torques`, and so is the next
     joint: Any
     not_finite: Bool[Array, " lanes"]
+
+    @property
+    def differentiable(self) -> tuple[Any, ...]:
+        """The fields that may have a tangent: none."""
+        return ()
 
 
 def judge_row_trial(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method: Choices, each: Each) -> RowVerdict:
@@ -179,7 +200,7 @@ def judge_row_trial(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method:
     judge = partial(judge_row, method=method)
     of_row = row_outcome(search, outcome, lane.guards)
     decision = each(judge, search._replace(pending=None, turns=None), of_row, running(lane, stop), grid.h)
-    fires = decision.fire[None] & outcome.hit
+    fires = decision.fire & outcome.hit
     crossing = RowCrossing(fires, outcome.kind, decision.fire, decision.delay, None)
     if method.derivative:
         crossing = one_after_the_other(crossing, lane, of_row.crossed.place, grid.h, method)
@@ -188,28 +209,51 @@ def judge_row_trial(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method:
 
 def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -> Lane:
     """One trial step of every lane that has neither arrived nor failed, and what follows from its end."""
-    model, grid, stop = fixed.model, fixed.grid, fixed.stop
-    cluster = clusters_of(lane.state, model)
-    interval = trial_interval(lane, grid)
-    end = row_step(interval, lane.state, cluster, model, method, each)
-    if not model.interfaces.law.has_events:
-        return _without_events(lane, end, running(lane, stop), interval.h, model, method, each)
-    verdict = judge_row_trial(lane, end, fixed, method, each)
-    decision, search = verdict.decision, lane.search
-    repeated = decision.search._replace(done=search.done, pending=search.pending, turns=search.turns)
+    if is_unrolled(lane.state.case) and each is not alone and method.large_kernels and not method.derivative:
+        return each(lambda lane, fixed: row_trial(lane, fixed, method, alone), lane, fixed)
+    end = step_of_trial(lane, fixed, method, each)
+    if not fixed.model.interfaces.law.has_events:
+        return whole(each, partial(_without_events, method=method), lane, end, fixed)
+    verdict = whole(each, partial(judge_row_trial, method=method), lane, end, fixed)
+    search = lane.search
     if method.derivative:
         end, length = differentiable_event_end(end, lane, verdict.crossing, fixed, method, each)
         search = search._replace(length=length, pending=verdict.crossing.pending)
-    active, accept = running(lane, stop), decision.accept | (verdict.not_finite & running(lane, stop))
+    return whole(each, partial(_after_trial, method=method), lane, search, end, verdict, fixed)
+
+
+def step_of_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -> RowStepEnd:
+    """The next trial step."""
+    if each is not alone and method.large_kernels:
+        return whole(each, partial(step_of_trial, method=method._replace(large_kernels=False)), lane, fixed)
+    cluster = clusters_of(lane.state, fixed.model)
+    return row_step(trial_interval(lane, fixed.grid), lane.state, cluster, fixed.model, method, each)
+
+
+def _after_trial(
+    lane: Lane,
+    search: Search,
+    end: RowStepEnd,
+    verdict: RowVerdict,
+    fixed: Fixed[RowModel],
+    method: Choices,
+    each: Each,
+) -> Lane:
+    """The rows after a trial that ended at `end`; its `search` has the length that it took."""
+    model, grid, stop = fixed.model, fixed.grid, fixed.stop
+    decision = verdict.decision
+    repeated = decision.search._replace(done=lane.search.done, pending=lane.search.pending, turns=lane.search.turns)
+    active = running(lane, stop)
+    accept = decision.accept | (verdict.not_finite & active)
     change = _change_of_row(lane, end, verdict, fixed, method, each)
     after = State(end.state.motion, change.u_s, change.mode, change.case)
     after, dropped = _as_flat(after, change.becomes_flat, model, each)
     guards = row_guards(*lax.stop_gradient((after, end.wave, model)), each, method.all_events)
     guards, waiting = _guards_after_events(guards, lane, verdict, method)
     guards = select(decision.fire, guards, verdict.outcome.guards)
-    violated = any_of([jnp.any(above, axis=0) for above in above_zero(guards, method.all_events)])
-    several = jnp.sum(decision.fire[None] & verdict.outcome.hit, axis=0) > 1
-    recheck = decision.fire & (jnp.any(change.jumped, axis=0) | several) & violated
+    violated = any_of([any_along(above) for above in above_zero(guards, method.all_events)])
+    several = total((decision.fire & verdict.outcome.hit).astype(jnp.int32)) > 1
+    recheck = decision.fire & (any_along(change.jumped) | several) & violated
     recheck = any_of([recheck, *(decision.fire & waits for waits in waiting)])
     next_search, step = following_search(
         search._replace(turns=change.turns), lane.step, decision.fire, recheck, method.locate
@@ -217,7 +261,7 @@ def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -
     trial = AcceptedTrial(
         start=lane.state,
         mode=interface_mode(lane.state.mode),
-        h=interval.h,
+        h=trial_interval(lane, grid).h,
         end=end.state.motion,
         after=after.motion,
         v=change.v,
@@ -232,7 +276,7 @@ def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -
     limit = most_events(grid, model.turns_by_events) * len(verdict.outcome.hit)
     too_many = next_search.events > limit
     status = status_of(_turned(after, verdict.not_finite, model), verdict.not_finite, too_many)
-    status = jnp.where(accept, status, Status.OK).astype(jnp.int32)
+    status = where(accept, status, Status.OK).astype(jnp.int32)
     later = Lane(after, step, next_search, guards, accumulator, status)
     return lane_after(lane, later, accept, decision.move_low, active, repeated)
 
@@ -244,7 +288,7 @@ def _guards_after_events(
     assert lane.guards is not None
     end, (fires, kind, *_) = verdict.outcome.guards, verdict.crossing
     guards, waiting = guards_after_event(after, end, lane.guards, fires, kind, method.all_events)
-    return guards, [jnp.any(waits, axis=0) for waits in waiting]
+    return guards, [any_along(waits) for waits in waiting]
 
 
 def _of_events(log: Log | None, method: Choices) -> dict[str, Any]:
@@ -284,35 +328,43 @@ def _as_flat(
     The angular momentum of each cluster is kept.
     """
     if not model.turns_by_events:
-        return state, jnp.zeros_like(jax.tree.leaves(state.motion)[0][0])
-    z, cluster, now = state.motion, clusters(state.case, model), jnp.any(becomes_flat, axis=0)
+        return state, no_time(state)
+    z, cluster, now = state.motion, clusters(state.case, model), any_along(becomes_flat)
 
     def as_one(a):
-        return jnp.where(now, cluster.mean(a), a)
+        return where(now, cluster.mean(a), a)
 
     shroud = model.blades.shroud(z)
     parallel = model.blades.with_turn(z, as_one(shroud.theta), as_one(shroud.v_theta), model.inverse)
     before, now_parallel, still = lax.stop_gradient((z, parallel, model))
-    lost = jnp.sum(blade_energies(before, still, each) - blade_energies(now_parallel, still, each), axis=0)
+    lost = total(blade_energies(before, still, each) - blade_energies(now_parallel, still, each))
     if not is_zero(between := coupling_energies(before, still)):
-        lost = lost + jnp.sum(between - coupling_energies(now_parallel, still), axis=0)
-    return State(parallel, state.u_s, state.mode, state.case), jnp.where(now, lost, 0.0)
+        lost = lost + total(between - coupling_energies(now_parallel, still))
+    return State(parallel, state.u_s, state.mode, state.case), where(now, lost, 0.0)
+
+
+def no_time(state: State) -> OfLanes:
+    """A zero for each lane."""
+    first = jax.tree.leaves(state.motion, is_leaf=is_unrolled)[0]
+    return jnp.zeros_like(first[0])
 
 
 def _is_finite(state: State) -> Bool[Array, " lanes"]:
-    return jnp.isfinite(sum(jnp.sum(a, axis=0) for a in jax.tree.leaves(state.motion)))
+    return jnp.isfinite(sum(total(a) for a in jax.tree.leaves(state.motion, is_leaf=is_unrolled)))
 
 
 def _turned(state: State, lost: Bool[Array, " lanes"], model: RowModel) -> Bool[Array, " lanes"]:
     """Whether a block has turned too far, or the motion is `lost`."""
-    theta = model.blades.shroud(state.motion).theta
-    return lost if is_zero(theta) else lost | jnp.any(jnp.abs(theta) > ANGLE_RANGE, axis=0)
+    theta: Any = model.blades.shroud(state.motion).theta
+    if is_unrolled(theta):
+        theta = Unrolled(*(a for a in theta if not is_zero(a)))
+    return lost if is_zero(theta) else lost | any_along(abs(theta) > ANGLE_RANGE)
 
 
-def _without_events(
-    lane: Lane, end: RowStepEnd, active: Any, h: OfLanes, model: RowModel, method: Choices, each: Each
-) -> Lane:
+def _without_events(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method: Choices, each: Each) -> Lane:
     """The rows after a trial of smooth contact, which is accepted in any case."""
+    model, active = fixed.model, running(lane, fixed.stop)
+    h = trial_interval(lane, fixed.grid).h
     no = jnp.zeros_like(active)
     v = penetrations(end.state, model, each)
     next_search, step = following_search(lane.search, lane.step, no, no, method.locate)
@@ -325,7 +377,7 @@ def _without_events(
         v=v,
         lift=Lift(no, no, no),
         gain=end.gain,
-        jumps=EnergyJumps(jnp.zeros_like(v), jnp.zeros_like(h)),
+        jumps=EnergyJumps(jax.tree.map(jnp.zeros_like, v), jnp.zeros_like(h)),
         step=lane.step,
         next_step=step,
         events=_of_events(lane.accumulator.log, method),

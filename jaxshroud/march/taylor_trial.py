@@ -95,18 +95,16 @@ def begin_taylor(state: State, model: Model, method: Choices) -> Lane:
     return Lane(state, count, search, None, new_accumulator(state, model, method), count)
 
 
-def taylor_trials(
-    lanes: LaneTree, fixed: LaneTree, method: Choices, each: EachLane, stage_groups: tuple[int, ...]
-) -> LaneTree:
-    """`Stepper.trial`: a `TaylorTrial` of every lane."""
-    del stage_groups  # there are none
-    return each(lambda lane, fixed: trial_and_series(lane, fixed, method)[0], lanes, fixed)
+def taylor_trials(lanes: LaneTree, fixed: LaneTree, method: Choices, each: EachLane) -> LaneTree:
+    """`Stepper.trial`: the trials in one kernel, and what follows from them in another."""
+    trials = each(lambda lane, fixed: trial_and_series(lane, fixed, method)[0], lanes, fixed)
+    return update_after_taylor(lanes, trials, fixed, method, each)
 
 
 def update_after_taylor(
     lanes: LaneTree, trials: LaneTree, fixed: LaneTree, method: Choices, each: EachLane
 ) -> LaneTree:
-    """`Stepper.update`."""
+    """The lanes after their trials."""
 
     def update(lane, trial, fixed):
         return lane_after_trial(lane, trial, fixed, method)

@@ -3,7 +3,7 @@
 import math
 import operator
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import reduce, wraps
 from typing import TYPE_CHECKING, Any
 
@@ -89,15 +89,73 @@ ZERO: Any = Zero()
 jax.tree_util.register_pytree_node(Zero, lambda _: ((), None), lambda *_: ZERO)
 
 
+class Unrolled:
+    """The numbers along an axis of blades or of interfaces, each by itself: what is computed of them is unrolled.
+
+    Arithmetic with it is that of each number, which may be absent. Other operands count for all of them.
+    """
+
+    def __init__(self, *numbers: Any):
+        self.numbers = numbers
+
+    @staticmethod
+    def of(f: Callable[..., Any], *operands: Any) -> "Unrolled":
+        """`f` of each of the numbers."""
+        length = len(next(a for a in operands if isinstance(a, Unrolled)))
+        by_place = [a if isinstance(a, Unrolled) else [a] * length for a in operands]
+        return Unrolled(*map(f, *by_place))
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self.numbers)
+
+    def __getitem__(self, i: int) -> Any:
+        return self.numbers[i]
+
+    def __repr__(self) -> str:
+        return f"Unrolled{self.numbers}"
+
+    def astype(self, kind: Any) -> "Unrolled":
+        """The numbers as others of that type."""
+        return Unrolled.of(lambda a: a.astype(kind), self)
+
+
+def _elementwise(name: str) -> Callable[..., Unrolled]:
+    f = getattr(operator, name)
+    return lambda *operands: Unrolled.of(f, *operands)
+
+
+def _reflected(name: str) -> Callable[..., Unrolled]:
+    f = getattr(operator, name)
+    return lambda self, other: Unrolled.of(f, other, self)
+
+
+for _name in ("add", "sub", "mul", "truediv", "pow", "and_", "or_", "mod"):
+    setattr(Unrolled, f"__{_name.strip('_')}__", _elementwise(_name))
+    setattr(Unrolled, f"__r{_name.strip('_')}__", _reflected(_name))
+for _name in ("neg", "abs", "invert", "lt", "le", "gt", "ge", "eq", "ne"):
+    setattr(Unrolled, f"__{_name}__", _elementwise(_name))
+jax.tree_util.register_pytree_node(Unrolled, lambda a: (a.numbers, None), lambda _, numbers: Unrolled(*numbers))
+
+
+def is_unrolled(value: object) -> bool:
+    """Whether it is the numbers along an unrolled axis."""
+    return isinstance(value, Unrolled)
+
+
 def is_zero(value: object) -> bool:
     """Whether a number is left out."""
     return isinstance(value, Zero)
 
 
 def where(condition: Any, yes: Any, no: Any) -> Any:
-    """`jnp.where` for numbers that may be absent or series."""
+    """`jnp.where` for numbers that may be absent, series, or numbers along an unrolled axis."""
     if yes is no:
         return yes
+    if any(isinstance(a, Unrolled) for a in (condition, yes, no)):
+        return Unrolled.of(where, condition, yes, no)
     formal = [a for a in (yes, no) if isinstance(a, Symbolic)]
     kind = max(formal, key=lambda a: not is_zero(a), default=None)
     if kind is not None:
@@ -250,13 +308,68 @@ def sincos_turns(turns: Scalar) -> tuple[Scalar, Scalar]:
     return where(quarter >= 2, -sine, sine), where((quarter == 1) | (quarter == 2), -cosine, cosine)
 
 
-def left_of_interfaces(a: Array, closed: bool) -> Array:
+def total(a: Any) -> Any:
+    """The sum along the axis of blades or of interfaces."""
+    if is_zero(a):
+        return a
+    return summed(a) if isinstance(a, Unrolled) else jnp.sum(a, axis=0)
+
+
+def any_along(flags: Any) -> Any:
+    """Whether any flag is true along the axis of blades or of interfaces."""
+    return reduce(jnp.logical_or, flags) if isinstance(flags, Unrolled) else jnp.any(flags, axis=0)
+
+
+def least(a: Any) -> Any:
+    """The least number along the axis of blades or of interfaces."""
+    return reduce(jnp.minimum, a) if isinstance(a, Unrolled) else jnp.min(a, axis=0)
+
+
+def place_of_largest(a: Any) -> Any:
+    """The place of the largest number along the axis of blades or of interfaces, the first one of several."""
+    if not isinstance(a, Unrolled):
+        return jnp.argmax(a, axis=0).astype(jnp.int32)
+    largest, *others = a
+    place = jnp.zeros_like(largest, jnp.int32)
+    for i, other in enumerate(others, start=1):
+        place = where(other > largest, jnp.int32(i), place)
+        largest = jnp.maximum(largest, other)
+    return place
+
+
+def is_place(place: Any, like: Any) -> Any:
+    """Along an axis as that of `like`, whether it is this place."""
+    if isinstance(like, Unrolled):
+        return Unrolled(*(place == i for i in range(len(like))))
+    return jnp.arange(len(like), dtype=jnp.int32)[:, None] == place[None]
+
+
+def at_place(here: Any, a: Any) -> Any:
+    """The number at the only place that is `here`."""
+    if not isinstance(a, Unrolled):
+        return jnp.sum(jnp.where(here, a, jnp.zeros_like(a)), axis=0, dtype=a.dtype)
+    chosen = a[-1]
+    for i in reversed(range(len(a) - 1)):
+        chosen = where(here[i], a[i], chosen)
+    return chosen
+
+
+def times_along(matrix: Any, a: Any) -> Any:
+    """A matrix times the numbers along the axis of blades."""
+    return jnp.sum(matrix * a[None], axis=1)
+
+
+def left_of_interfaces(a: Any, closed: bool) -> Any:
     """The numbers of the blade left of each interface."""
+    if isinstance(a, Unrolled):
+        return Unrolled(*a.numbers[:-1])
     return a if closed else a[:-1]
 
 
-def right_of_interfaces(a: Array, closed: bool) -> Array:
+def right_of_interfaces(a: Any, closed: bool) -> Any:
     """The numbers of the blade right of each interface."""
+    if isinstance(a, Unrolled):
+        return Unrolled(*a.numbers[1:])
     return jnp.roll(a, -1, 0) if closed else a[1:]
 
 
@@ -266,11 +379,13 @@ def both_sides(tree: Any, closed: bool) -> Any:
     def sides(a):
         return (a, a) if is_zero(a) else (left_of_interfaces(a, closed), right_of_interfaces(a, closed))
 
-    return jax.tree.map(sides, tree, is_leaf=is_zero)
+    return jax.tree.map(sides, tree, is_leaf=lambda a: is_zero(a) or isinstance(a, Unrolled))
 
 
-def sum_at_blades(on_left: Array, on_right: Array, closed: bool) -> Array:
+def sum_at_blades(on_left: Any, on_right: Any, closed: bool) -> Any:
     """The sum of what its two interfaces add to each blade: on their left and on their right sides."""
+    if isinstance(on_left, Unrolled):
+        return Unrolled(*map(operator.add, [*on_left, ZERO], [ZERO, *on_right]))
     if closed:
         return on_left + jnp.roll(on_right, 1, 0)
     none = jnp.zeros_like(on_left[:1])

@@ -116,17 +116,11 @@ class ContactLaw(SceneLaw):
     has_points: ClassVar[bool] = (
         False  # an interface has several points of contact, with modes and sliders of their own
     )
-    is_long: ClassVar[bool] = False  # in operations: fewer stages share a kernel
 
     @property
     def has_friction(self) -> bool:
         """Whether the faces rub."""
         return self.has_stick or self.flows
-
-    @property
-    def fills_kernels(self) -> bool:
-        """Whether one stage of a trial, the decision on it and the update are as large as a kernel may be."""
-        return False
 
     @abstractmethod
     def forces(self, point: ContactPoint) -> Forces:

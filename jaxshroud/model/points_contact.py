@@ -4,6 +4,7 @@ The points press along the mean normal of both faces, by their shares of the sti
 middles between partners. Modes and sliders of such an interface are tuples, one entry for each point.
 """
 
+import operator
 from collections.abc import Callable
 from functools import reduce
 from typing import Any, ClassVar
@@ -23,8 +24,6 @@ from jaxshroud.model.contact_law import (
 from jaxshroud.model.geometry import Corners
 from jaxshroud.model.modes import Mode
 
-POINTS_IN_ONE_KERNEL = 3  # of a whole trial: with five, one kernel is 1,000 times slower than several
-
 
 class PointsContact(ContactLaw):
     """Several points with a law each."""
@@ -32,15 +31,9 @@ class PointsContact(ContactLaw):
     called: ClassVar[str] = "contact points"
     is_examined: ClassVar[bool] = True  # as far as rows are: an accuracy chooses a method that is not tried
     has_points: ClassVar[bool] = True
-    is_long: ClassVar[bool] = True
 
     laws: tuple[ContactLaw, ...]
     shares: tuple[Scalar, ...]
-
-    @property
-    def fills_kernels(self) -> bool:
-        """With some 900 operations a point in a trial by RK4."""
-        return len(self.laws) > POINTS_IN_ONE_KERNEL
 
     @property
     def normal_stiffness(self) -> Scalar:
@@ -145,7 +138,7 @@ def interface_mode(mode: Any) -> Any:
     if not isinstance(mode, tuple):
         return mode
     sticks, forward, backward = (
-        reduce(jnp.logical_or, (one == wanted for one in mode))
+        reduce(operator.or_, (one == wanted for one in mode))
         for wanted in (Mode.STICK, Mode.SLIP_PLUS, Mode.SLIP_MINUS)
     )
     slips = where(forward, jnp.int32(Mode.SLIP_PLUS), jnp.int32(Mode.SLIP_MINUS))

@@ -14,7 +14,7 @@ block by block. In a closed row that is flat all round a uniform circulating tor
 taken.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -23,7 +23,19 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxshroud.model.arithmetic import ZERO, both_sides, is_zero, left_of_interfaces, right_of_interfaces, sum_at_blades
+from jaxshroud.model.arithmetic import (
+    ZERO,
+    Unrolled,
+    both_sides,
+    is_unrolled,
+    is_zero,
+    left_of_interfaces,
+    right_of_interfaces,
+    sum_at_blades,
+    times_along,
+    total,
+    where,
+)
 from jaxshroud.model.blade import AnyBlade, BladeForces, blades_of_row
 from jaxshroud.model.coupling import (
     AeroMatrices,
@@ -76,6 +88,7 @@ class RowModel(eqx.Module):
     aero: AeroMatrices | None  # of the flow
     closed: bool = eqx.field(static=True)
     parts: Parts = eqx.field(static=True)
+    is_pair: bool = eqx.field(static=True, default=False)  # works are those of both blades, means of the left one
 
     @property
     def turns(self) -> bool:
@@ -131,6 +144,11 @@ def pair_at(scene: Scene, j: Any) -> Scene:
     )
 
 
+def alone(f: Callable[..., Any], *trees: Any) -> Any:
+    """`f` of one element: an `Each`."""
+    return f(*trees)
+
+
 def over(each: Each, f: Callable[..., Any], *trees: Any) -> Any:
     """`f` of one blade, or of one interface, for all of them and all lanes, as one kernel.
 
@@ -139,9 +157,27 @@ def over(each: Each, f: Callable[..., Any], *trees: Any) -> Any:
         f: A function of scalars.
         trees: Trees of arrays (M, lanes), or (lanes,), which count for all M.
     """
+    lengths = {len(a) for a in jax.tree.leaves(trees, is_leaf=is_unrolled) if is_unrolled(a)}
+    if lengths:
+        (length,) = lengths
+        return _unrolled([each(f, *_at(i, trees)) for i in range(length)])
     shape = max((a.shape for a in jax.tree.leaves(trees)), key=len)
     flat = jax.tree.map(lambda a: jnp.reshape(jnp.broadcast_to(a, shape), -1), trees)
     return jax.tree.map(lambda a: jnp.reshape(a, shape), each(f, *flat))
+
+
+def _at(i: int, trees: Any) -> Any:
+    """Trees with the numbers of one blade, or of one interface."""
+    return jax.tree.map(lambda a: a[i] if is_unrolled(a) else a, trees, is_leaf=is_unrolled)
+
+
+def _unrolled(trees: Sequence[Any]) -> Any:
+    """The tree of the numbers along an axis, from a tree for each of its places."""
+
+    def along(*numbers):
+        return ZERO if all(map(is_zero, numbers)) else Unrolled(*numbers)
+
+    return jax.tree.map(along, *trees, is_leaf=is_zero)
 
 
 def pair_states(state: State, model: RowModel) -> State:
@@ -161,11 +197,11 @@ def blade_forces(effects: ContactEffects, z: Any, model: RowModel) -> BladeForce
 
 def contact_forces_on_blades(effects: ContactEffects, model: RowModel) -> BladeForces:
     """The forces of contact on each blade."""
-    load, total = effects.load, partial(sum_at_blades, closed=model.closed)
+    load, at_blades = effects.load, partial(sum_at_blades, closed=model.closed)
     if is_zero(load.R_x):
         return BladeForces(ZERO, ZERO, ZERO)
-    M = total(*load.M) if model.turns else ZERO
-    return BladeForces(total(load.R_x, -load.R_x), total(load.R_y, -load.R_y), M)
+    M = at_blades(*load.M) if model.turns else ZERO
+    return BladeForces(at_blades(load.R_x, -load.R_x), at_blades(load.R_y, -load.R_y), M)
 
 
 class Cluster(NamedTuple):
@@ -178,12 +214,29 @@ class Cluster(NamedTuple):
 
     def mean(self, a: OfBlades) -> OfBlades:
         """The mean of each cluster, weighted by inertia, for each of its blocks."""
-        return jnp.sum(self.share * a[None], axis=1)
+        return times_along(self.share, a)
 
 
-def clusters(case: Array, model: RowModel) -> Cluster:
+class FlatPair(NamedTuple):
+    """The `Cluster` of two blocks with one interface."""
+
+    flat: Any  # whether they are flat on each other
+    share: Any  # see `Mobility`, as is the next
+    joint: Any
+
+    def mean(self, a: Any) -> Any:
+        """The mean of both blocks, weighted by inertia, where they are flat on each other, else their own numbers."""
+        left, right = a
+        mean = right + self.share * (left - right)
+        return Unrolled(where(self.flat, mean, left), right if is_zero(right) else where(self.flat, mean, right))
+
+
+def clusters(case: Array, model: RowModel) -> Cluster | FlatPair:
     """The clusters of blocks from the case of each interface (E, lanes)."""
     flat, I, closed = case == FLAT, model.blades.I, model.closed
+    if is_unrolled(flat):
+        mobility = model.interfaces.mobility
+        return FlatPair(flat[0], mobility.share[0], mobility.joint[0])
     breaks = jnp.cumsum(~flat, axis=0, dtype=jnp.int32)  # interfaces that are not flat, up to each
     label = jnp.concatenate([jnp.zeros_like(breaks[:1]), breaks[:-1] if closed else breaks])  # left of each block
     all_round = breaks[-1] == 0 if closed else jnp.zeros_like(flat[0])
@@ -198,7 +251,7 @@ def clusters(case: Array, model: RowModel) -> Cluster:
     return Cluster(jnp.where(same, I[None] / inertia[:, None], 0.0), inertia, before, all_round)
 
 
-def clusters_of(state: State, model: RowModel) -> Cluster | None:
+def clusters_of(state: State, model: RowModel) -> Cluster | FlatPair | None:
     """The blocks that are flat on each other; None where no blocks can be."""
     return clusters(state.case, model) if model.turns_by_events else None
 
@@ -216,20 +269,27 @@ def passed_torques(own: OfBlades, cluster: Cluster, model: RowModel) -> OfInterf
     return torque - jnp.where(cluster.all_round, jnp.mean(torque, axis=0), 0.0)[None]
 
 
-def relative_torques(own: OfBlades, case: Array, cluster: Cluster, model: RowModel) -> OfInterfaces:
+def relative_torques(
+    own: OfBlades, case: Array, cluster: Cluster | FlatPair, model: RowModel
+) -> OfInterfaces | Unrolled:
     """The torque on theta_j - theta_(j+1) of each interface with contact at the corner of its case [N m].
 
     It is the inertia of both clusters against a turn towards each other times the relative angular acceleration; of
     flat faces the torque that they pass on. See `torques_along_face`.
     """
+    if isinstance(cluster, FlatPair):
+        left, right = own
+        return Unrolled(cluster.joint * (left - right))
     mean = cluster.mean(own)
     relative = left_of_interfaces(mean, model.closed) - right_of_interfaces(mean, model.closed)
     apart = joint_inertia(cluster, model) * relative
-    return jnp.where(case == FLAT, passed_torques(own, cluster, model), apart)
+    return where(case == FLAT, passed_torques(own, cluster, model), apart)
 
 
-def joint_inertia(cluster: Cluster, model: RowModel) -> OfInterfaces:
+def joint_inertia(cluster: Cluster | FlatPair, model: RowModel) -> OfInterfaces | Unrolled:
     """The inertia against a turn towards each other of the clusters left and right of each interface [kg m^2]."""
+    if isinstance(cluster, FlatPair):
+        return Unrolled(cluster.joint)
     left, right = left_of_interfaces(cluster.inertia, model.closed), right_of_interfaces(cluster.inertia, model.closed)
     return left * right / (left + right)
 
@@ -276,8 +336,8 @@ def blade_rates(
 
 def rates_of_blades(z: Any, wave: Any, R: BladeForces, model: RowModel, recorded: Recorded, each: Each) -> BladeRates:
     """`blade_rates` of every blade: fields (N, lanes)."""
-    rates, gyration = partial(blade_rates, recorded=recorded), model.gyration[None]
-    return over(each, rates, z, wave, R, model.blades, model.drive, model.inverse, gyration, model.static)
+    rates = partial(blade_rates, recorded=recorded)
+    return over(each, rates, z, wave, R, model.blades, model.drive, model.inverse, model.gyration, model.static)
 
 
 def row_rhs(
@@ -305,7 +365,10 @@ def row_rhs(
     ledger = None
     if recorded.ledger:
         viscous = rates.viscous + coupling_losses(now.motion, model)
-        ledger = Ledger(rates.drive, jnp.abs(rates.drive), viscous, effects.lost)
+        ledger = Ledger(rates.drive, abs(rates.drive), viscous, effects.lost)
+        if model.is_pair:
+            drive = total(rates.drive)
+            ledger = Ledger(drive, abs(drive), total(viscous), total(effects.lost))
     moments = None
     if recorded.moments:
         z = blades.shroud(now.motion)
@@ -313,7 +376,7 @@ def row_rhs(
         moments = Moments(first, jax.tree.map(lambda a: a * a, first))
     return (
         StateDerivative(a, effects.u_s),
-        Integrals(rates.power, ledger, moments, effects.loads, rates.means),
+        Integrals(rates.power, ledger, moments, effects.loads, _at(0, rates.means) if model.is_pair else rates.means),
     )
 
 

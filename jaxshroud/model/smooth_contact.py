@@ -21,7 +21,6 @@ class SmoothContact(ContactLaw):
     called: ClassVar[str] = "smooth contact"
     has_events: ClassVar[bool] = False
     flows: ClassVar[bool] = True
-    is_long: ClassVar[bool] = True
 
     k: Scalar  # [N/m]
     k_d: Scalar  # [N/m]

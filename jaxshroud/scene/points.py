@@ -62,7 +62,7 @@ class ContactPoints(eqx.Module):
 
     def check_on(self, l_ab: Any) -> None:
         """Raise InputError unless the points, and their shares, are those of a face of that length [m]; traced pass."""
-        if not is_traced((self.places, l_ab)):
+        if not is_traced(self.lengths(l_ab)):
             check_places(self.lengths(l_ab), l_ab)
         if not is_traced(self.shares):
             check_shares(np.asarray(self.shares), self.number)

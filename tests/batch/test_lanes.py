@@ -8,11 +8,12 @@ from side_by_side import EXACT, with_parts
 
 from jaxshroud import sweep, vary
 from jaxshroud.batch import xla
-from jaxshroud.batch.periods import advance, begin_lanes
+from jaxshroud.batch.periods import begin_lanes
 from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import best_mapping, fused, vmapped
 from jaxshroud.march.carry import Fixed, time_grid
 from jaxshroud.march.method import RungeKutta, Taylor
+from jaxshroud.march.stepper import stepper_for
 from jaxshroud.model.prepared import prepared_model
 
 LANES = 8
@@ -90,7 +91,7 @@ def test_fused_and_plain_trials_agree(table1, name, motion):
     fixed = Fixed(jax.vmap(prepared_model)(scenes), grids, jnp.full(LANES, steps, jnp.int32))
 
     def trials(each):
-        one = jax.jit(lambda now: advance(now, fixed, method, each))
+        one = jax.jit(lambda now: stepper_for(method).trial(now, fixed, method, each))
         now = begin_lanes(scenes, initial_states(scenes), method)
         for _ in range(60):
             now = one(now)

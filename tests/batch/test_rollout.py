@@ -15,7 +15,7 @@ from side_by_side import with_parts
 
 import jaxshroud as js
 from jaxshroud.batch.xla import FOR_SERIES
-from jaxshroud.march import rk_trial
+from jaxshroud.march import row_step
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import initial_state, prepared_model
 
@@ -84,7 +84,7 @@ def test_tangents_are_differences_through_all_events(options, motion, periods, s
 @pytest.mark.full
 def test_naive_tangents_of_a_rollout_are_wrong(monkeypatch):
     # Control: without the derivative of the events' instants every lane misses the tolerance tenfold, some by far more.
-    monkeypatch.setattr(rk_trial, "at_event", lambda quantities, *_: quantities)
+    monkeypatch.setattr(row_step, "at_event", lambda quantities, *_: quantities)
     naive = js.RungeKutta(PLAIN.tableau._replace(name="naive"))  # another name: compiled anew
     scene = with_parts(js.load("table1", ["contact.gamma=2.5", *FULL]).scene, motion=("x",))
     numbers = jnp.tile(numbers_of(scene), (8, 1)).at[:, 1].set(np.linspace(1.0, 15.0, 8))

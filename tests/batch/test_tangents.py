@@ -19,7 +19,7 @@ from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import final_states, from_vector, to_vector
 from jaxshroud.batch.tangents import direction, run_flow, tangents
 from jaxshroud.batch.xla import repeat_lane
-from jaxshroud.march import rk_trial, taylor_trial
+from jaxshroud.march import row_step, taylor_trial
 from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.tableau import TaylorOptions, tableau
 from jaxshroud.model.modes import Status
@@ -147,7 +147,7 @@ def test_naive_tangents_by_series_are_wrong(monkeypatch):
 @pytest.fixture
 def naive(monkeypatch):
     """A method whose events' instants have no derivative, as differentiating through the search would leave it."""
-    monkeypatch.setattr(rk_trial, "at_event", lambda quantities, *_: quantities)
+    monkeypatch.setattr(row_step, "at_event", lambda quantities, *_: quantities)
     return FAST._replace(tableau=FAST.tableau._replace(name="naive"))  # another name: compiled anew
 
 

@@ -11,11 +11,12 @@ from jax import lax
 from problem import PERIODS, Problem
 
 from jaxshroud.batch.blocks import PAIR_KERNELS, run_block
-from jaxshroud.batch.periods import LANES_PER_CALL, Clock, advance, at_start_of_period, begin_lanes, one_call
+from jaxshroud.batch.periods import LANES_PER_CALL, Clock, at_start_of_period, begin_lanes, one_call
 from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import FOR_SERIES, best_mapping
 from jaxshroud.march.carry import Fixed, Lane, running
 from jaxshroud.march.method import Choices
+from jaxshroud.march.stepper import stepper_for
 from jaxshroud.march.tableau import TaylorOptions, tableau
 from jaxshroud.model.prepared import prepared_model
 from jaxshroud.scene.blades import Blades
@@ -79,7 +80,7 @@ def trials(p: Problem, method: Choices, steps: int) -> tuple[float, float]:
 
     def one(pair):
         lanes, made = pair
-        return advance(lanes, fixed, method, best_mapping()), made + on_its_way(lanes)
+        return stepper_for(method).trial(lanes, fixed, method, best_mapping()), made + on_its_way(lanes)
 
     @partial(jax.jit, compiler_options=FOR_SERIES)
     def period(lanes, made):

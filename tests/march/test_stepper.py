@@ -10,9 +10,10 @@ from jaxshroud.batch.states import carried_state
 from jaxshroud.batch.xla import vmapped
 from jaxshroud.march.carry import Fixed, time_grid
 from jaxshroud.march.method import FAST, Choices
-from jaxshroud.march.stepper import alone, begin_lane, stepper_for
+from jaxshroud.march.stepper import begin_lane, stepper_for
 from jaxshroud.march.tableau import TaylorOptions
 from jaxshroud.model.prepared import initial_state, prepared_model
+from jaxshroud.model.row import alone
 
 METHODS = {"rk4": FAST, "power series": Choices(TaylorOptions(4, 1e-4), "series", False)}
 STEPS, TRIALS, GAPS = 40, 60, np.array([1e-5, 3e-5])
@@ -30,8 +31,7 @@ def after_trials(gaps, stop, method, each):
     stepper = stepper_for(method)
 
     def one(_, lanes):
-        trials = stepper.trial(lanes, fixed, method, each, ())
-        return stepper.update(lanes, trials, fixed, method, each)
+        return stepper.trial(lanes, fixed, method, each)
 
     lanes, fixed = each(lambda gap: lane_and_constants(gap, method, stop), gaps)
     return jax.lax.fori_loop(0, TRIALS, one, lanes)

@@ -13,7 +13,7 @@ from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.tangents import direction, end_as_start, run_flow, tangents, without_direction
 from jaxshroud.batch.xla import repeat_lane
-from jaxshroud.march import rk_trial
+from jaxshroud.march import row_step
 from jaxshroud.march.method import FAST
 from jaxshroud.model import spring_contact
 from jaxshroud.model.linear import area, steady_amplitudes
@@ -108,7 +108,7 @@ def naive_miss(name, monkeypatch) -> float:
     """Largest error of a gradient that takes the events' instants for constants, over the largest component."""
     found = orbit(scene_of(SCENES[name][0]))
     right = scaled(on_orbit(found, PARAMETERS).value, found.scene)
-    monkeypatch.setattr(rk_trial, "at_event", lambda quantities, *_: quantities)
+    monkeypatch.setattr(row_step, "at_event", lambda quantities, *_: quantities)
     monkeypatch.setattr(spring_contact, "slide_at_onset", lambda crossing: crossing.at.u)
     method = found.march_choices._replace(tableau=found.method.tableau._replace(name="naive"))  # compiled anew
     steps = found.steps_per_period

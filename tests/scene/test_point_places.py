@@ -30,6 +30,11 @@ def test_a_place_is_a_number_of_the_scene():
     assert PLACE not in numbers_that_count(still)  # which do not turn
 
 
+def test_scenes_with_points_vary_in_compiled_functions():
+    scene = js.load("table1", ["contact.points=2"]).scene
+    assert float(jax.jit(lambda gap: js.vary(scene, "shroud.gap", gap).shroud.gap)(1e-5)) == 1e-5
+
+
 @pytest.mark.parametrize(
     ("changes", "key", "value", "told"),
     [
