@@ -129,7 +129,7 @@ def write_files(completed: CompletedCall, summary: dict[str, Any] | None = None)
         else:
             pictures.append(path)
     if pictures:
-        draw(completed.result.plot, *pictures)
+        draw(completed.result.plot, *pictures, dpi=completed.options.dpi)
 
 
 def print_result(completed: CompletedCall, rows: Mapping[str, Any], title: str = "") -> None:

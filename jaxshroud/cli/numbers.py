@@ -137,7 +137,8 @@ def _print_effects(gradient: Gradient) -> None:
 def _draw_effects(completed: CompletedCall, summary: dict[str, Any]) -> None:
     from jaxshroud.plotting.pictures import picture
 
-    draw(lambda: picture("gradient", summary), completed.options.out.with_suffix(".png"))
+    options = completed.options
+    draw(lambda: picture("gradient", summary), options.out.with_suffix(".png"), dpi=options.dpi)
 
 
 def _check_by_differences(gradient: Gradient) -> dict[str, Any]:

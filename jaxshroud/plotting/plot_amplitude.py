@@ -102,7 +102,7 @@ def amplitude_page(ds: xr.Dataset, appearance: Appearance) -> Page[AmplitudeCont
         raise InputError("This sweep has no amplitudes; run it again with --amplitudes.")
     dim = str(ds.attrs["axes"])
     if "," in dim:
-        raise InputError("AmplitudeContent are drawn over one number; this sweep is along two.")
+        raise InputError("Amplitudes are drawn over one number; this sweep is along two.")
     ds = ds.sortby(dim)
     names = [name for name in DISPLACEMENT_SYMBOLS if float(np.nanmax(ds[f"{name}_peak"].to_numpy(), initial=0.0)) > 0]
     panels = [Panel(name, lambda panel, shown, name=name: _draw_amplitude(panel, shown, name)) for name in names or "x"]

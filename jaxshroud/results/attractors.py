@@ -173,8 +173,8 @@ class Attractors(Result):
         of_row = {name: a for name in names if (a := getattr(self, name)) is not None}
         return json_values({**numbers, "attractors": rows, **self.source, **of_row})
 
-    def _picture_content(self) -> Self:
-        return self
+    def _drawn(self) -> tuple[str, object]:
+        return self.stored_as, self
 
     def __repr__(self) -> str:
         motions = ", ".join(

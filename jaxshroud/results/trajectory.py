@@ -215,12 +215,16 @@ class Trajectory(WithAmplitudes, Result):
         run = super().lane(*at)
         return type(self)(run.data.assign_coords(time=("time", self.t[at])).drop_vars("t"))
 
+    def _drawn(self) -> tuple[str, object]:
+        return "trajectory", self.data
+
     @typed
     def plot(
         self,
         ax: "Axes | None" = None,
         *,
         panel: str | None = None,
+        over: "Result | None" = None,
         kind: str | None = None,
         settled_from: float = 0.5,
         **options: "Unpack[AppearanceOptions]",
@@ -234,6 +238,7 @@ class Trajectory(WithAmplitudes, Result):
             panel: Draw only this panel: "history", "phase", "poincare", "spectrum", "forces", "ribbon" (states and
                 cases over the period), "loop" (friction force over slide) or "path" (the point of contact on the face);
                 of rows "map", "amplitudes" or "diameters".
+            over: Another run, drawn behind this one in grey.
             kind: The whole figure: one of the panels, or a page of the first four ("motion"), of the contact ("forces")
                 or of all these ("all"); of a row "motion" has the last three.
             settled_from: The share of the run that all panels but the time history leave out as its transient.
@@ -243,9 +248,7 @@ class Trajectory(WithAmplitudes, Result):
             ValueError: There are many runs (`lane` gives one of them), there is no such panel, or too little is stored
                 for it.
         """
-        from jaxshroud.plotting.pictures import picture
-
-        return picture("trajectory", self.data, ax, panel, kind=kind, settled_from=settled_from, **options)
+        return super().plot(ax, panel=panel, over=over, kind=kind, settled_from=settled_from, **options)
 
     @typed
     def animate(

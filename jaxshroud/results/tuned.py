@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from jaxshroud.plotting.style import AppearanceOptions
 
 PENALTY = 100.0  # percentage points for exceeding a limit by its own size
 PATHS = ("update", "start")
@@ -322,7 +321,7 @@ class Tuned(Result):
         *,
         panel: str | None = None,
         drawn: Mapping[str, object] | None = None,
-        **options: "Unpack[AppearanceOptions]",
+        **options: Any,
     ) -> "Figure":
         """The paths of the search on the map of the objective, or key by key without a map, and their scores.
 
