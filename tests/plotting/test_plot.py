@@ -455,10 +455,11 @@ def test_the_largest_amplitude_without_contact_has_an_arrow_and_a_number_where_i
         "x_free": (blades, np.stack([free] * 2, axis=-1)),
         **{f"{name}_peak": (blades, np.zeros((5, 2))) for name in ("y", "theta")},
         "status": ("drive_omega", np.zeros(5, np.int8), STATUSES),
+        "settling": ("drive_omega", np.zeros(5)),
     }
     coords = {"drive_omega": ("drive_omega", values, {"key": "drive.omega", "units": "rad s-1"})}
     ds = xr.Dataset(data, coords, {"axes": "drive_omega", "scene": js.load("table1").text(), "title": "a pair"})
-    (panel,) = picture("amplitude", ds).axes
+    (panel,) = picture("sweep", ds, kind="amplitude").axes
     arrows = [text for text in panel.texts if text.arrow_patch is not None]
     words = [text.get_text() for text in panel.texts if text.get_text()]
     assert len(arrows) == len(words) == marked
@@ -476,7 +477,7 @@ def test_a_second_curve_is_behind_in_grey(tmp_path):
     )
     figure = first.plot(over=second, title="both")
     grey = [line for line in figure.axes[0].lines if line.get_color() == GREY and line.get_zorder() == BEHIND]
-    assert max(line.get_xdata().max() for line in grey) == 24  # beyond the first one's 16
+    assert max(np.max(line.get_xdata()) for line in grey) == 24  # beyond the first one's 16
     assert figure.axes[0].get_xlim()[1] >= 24
     with pytest.raises(ValueError, match="two results of one kind"):
         first.plot(over=js.check(js.load("table1")).campbell)
