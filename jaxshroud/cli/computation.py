@@ -1,7 +1,7 @@
 """How a command computes: load its scene, choose a method, call its verb, write and print the result.
 
 Imports go on in a thread of their own, while programs are loaded and scenes are marched, which needs little Python. A
-picture that fails is told at the end, after all else is written.
+picture that fails is named at the end, after all else is written.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Pictures that commands write beside their results: one that fails is told at the end, after all else is written."""
+"""Pictures that commands write beside their results: one that fails is named at the end, after all else is written."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,6 +1,6 @@
 """The commands of a scene's numbers: `gradient`, `fit` and `scatter`.
 
-They tell what each number does, what the numbers are by measurements, and how P_d scatters where they do.
+They say what each number does, what the numbers are by measurements, and how P_d scatters where they do.
 """
 
 import argparse

@@ -209,7 +209,7 @@ def _style_context(path: str | os.PathLike[str] | None) -> Iterator[None]:
 
 
 def _set_xlabel(axes: list[Axes], appearance: Appearance) -> None:
-    """Set the x label that was asked for, if the picture has a single x axis."""
+    """Set the x label that was requested, if the picture has a single x axis."""
     labelled = [ax for ax in axes if ax.get_xlabel()]
     if appearance.xlabel is None or not labelled:
         return

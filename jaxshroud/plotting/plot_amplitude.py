@@ -179,7 +179,7 @@ def _contact_entries(ds: xr.Dataset) -> list[Artist]:
 
 
 def _finish_panels(figure: AnyFigure, axes: Mapping[str, Axes], axis: ParameterAxis, handles: Sequence[Artist]) -> None:
-    """Fit the panels to the axis, and add a legend, which tells the motion without contact if it is shown."""
+    """Fit the panels to the axis, and add a legend, which names the motion without contact if it is shown."""
     panels = [*axes.values()]
     panels[-1].set(xlim=axis.edges[[0, -1]])
     figure.align_ylabels(panels)

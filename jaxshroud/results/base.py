@@ -89,7 +89,7 @@ class Result:
             coords: Coordinates as xarray takes them.
             attrs: Attributes of the dataset, such as its origin.
             more: Further variables as xarray takes them, such as the numbers that differ between scenes.
-            layout: Of the scenes, which tells whether users see an axis of interfaces; None where they always do.
+            layout: Of the scenes, which decides whether users see an axis of interfaces; None where they always do.
         """
         import xarray as xr
 

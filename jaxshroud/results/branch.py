@@ -60,8 +60,8 @@ class Branch(WithAmplitudes, Result):
     in rings a localisation, where the shift of a travelling wave breaks: there a multiplier of the reduced map of the
     wave leaves the unit circle elsewhere than at 1.
 
-    In a row of blades what is told of contact ends with the interface, and P_d is that of all blades together.
-    Waves are told of rings alone.
+    In a row of blades what is known of contact ends with the interface, and P_d is that of all blades together.
+    Waves are described of rings alone.
 
     Panels of its picture, with unstable orbits dashed and special points marked: "samples", x_1 at the strobe (of rows
     "amplitude", that of every blade), "multiplier" and "P_d".
@@ -277,7 +277,7 @@ def _branch_row(number: int, i: int, branch: "ContinuedBranch", turns: int) -> d
 
 
 def _values_of_wave(wave: "TravellingWave | None", size: int) -> dict[str, Any]:
-    """What is told of the travelling wave of a ring's orbit with so many multipliers."""
+    """What is known of the travelling wave of a ring's orbit with so many multipliers."""
     multipliers = np.full(size, np.nan + 0j)
     if wave is None:
         return {"wave_parts": 0, "wave_residual": np.nan, "wave_multipliers": multipliers}

@@ -183,7 +183,7 @@ class PowerResult(WithAmplitudes, WithLoads, WithEquivalent, Result):
         return json_values({**self.origin, **numbers, **{name: self._kept(one) for name, one in kinds.items()}})
 
     def _kept(self, kind: type) -> dict[str, Any]:
-        """The variables of a kind that the run was asked for."""
+        """The variables of a kind that were requested of the run."""
         values = {name: getattr(self, name) for name, one in vars(kind).items() if isinstance(one, Variable)}
         return {name: np.asarray(value).tolist() for name, value in values.items() if value is not None}
 

@@ -76,7 +76,7 @@ class RunEvents(Variable["Trajectory | None"]):
 class Trajectory(WithAmplitudes, Result):
     """The samples of one run or of many, the initial state first: after what happens there at once.
 
-    Arrays start with the axes of the scenes, and those of `motion` end with the blade. In a row of blades what is told
+    Arrays start with the axes of the scenes, and those of `motion` end with the blade. In a row of blades what is known
     of contact ends with the interface: interface j is between blades j and j + 1. A single scene has no leading axes,
     and a plain number for every quantity that each run has one value of. Amplitudes are those of the second half of
     the run.
@@ -162,8 +162,8 @@ class Trajectory(WithAmplitudes, Result):
     def wave_distance(self) -> np.ndarray:
         """The share of the motion that is no travelling wave of the drive, (...): 0 to rounding for such a wave.
 
-        It is told over the last whole orbit, without one over the second half of the run, and of x, y and theta for the
-        one for which it is the largest; `wave` tells which. NaN where the phases are those of no engine order, the run
+        It is measured over the last whole orbit, without one over the second half of the run, and of x, y and theta for
+        the one for which it is the largest; `wave` says which. NaN where the phases are those of no engine order, the run
         has stopped or nothing moves.
         """
         if "status" in self.data.attrs:
@@ -173,7 +173,7 @@ class Trajectory(WithAmplitudes, Result):
 
     @property
     def wave(self) -> RowWave:
-        """How far a single run is from a travelling wave of its drive; its `words` tell it.
+        """How far a single run is from a travelling wave of its drive; its `words` say it.
 
         Raises:
             ValueError: There are many runs.
@@ -193,7 +193,7 @@ class Trajectory(WithAmplitudes, Result):
 
     @property
     def _repeats(self) -> int:
-        """The drive periods after which the motion is known to repeat; 0 where the samples have to tell."""
+        """The drive periods after which the motion is known to repeat; 0 where the samples have to show it."""
         return 0
 
     @property

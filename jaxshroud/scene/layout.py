@@ -167,7 +167,7 @@ class Capability(NamedTuple):
     reason: str  # a line without a full stop
 
     def refusal(self, name: str = "") -> str:
-        """The line with which the others are refused; `name` says in what words it was asked for."""
+        """The line with which the others are refused; `name` says in what words it was requested."""
         return f"{name or self.name} {REFUSALS[self.holder]}: {self.reason}."
 
 
@@ -244,10 +244,10 @@ def require_capability(name: str, layout: Layout, where: str = "", asked: str = 
     """Raise an InputError if scenes with a layout lack what is in `CAPABILITIES` under a name.
 
     Args:
-        name: What is asked for; what is not in the table, all scenes have.
+        name: What is requested; what is not in the table, all scenes have.
         layout: The layout of the scene.
         where: What the message begins with.
-        asked: The words in which it was asked for, by default the name.
+        asked: The words in which it was requested, by default the name.
     """
     capability = LIMITED.get(name)
     if capability is not None and capability.holder not in holders(layout):

@@ -299,7 +299,7 @@ class Scene(eqx.Module):
 
     @property
     def blade_matrices(self) -> BladeMatrices | None:
-        """The matrices of blades of one's own, with their mistuning; None: lumped blades."""
+        """The matrices of blades of your own, with their mistuning; None: lumped blades."""
         matrices = self.blades.matrices()
         if matrices is None or self.row is None:
             return matrices

@@ -35,7 +35,7 @@ TABLE_NAMES = ("blades", "shroud", "contact", "friction", "coupling", "drive", "
 def fields_of(scene: Scene) -> dict[str, Any]:
     """All numbers of a scene, or of many (leading axes), by their keys: arrays of NumPy or JAX, in SI units.
 
-    Numbers of a drive of one's own that have no key are left out.
+    Numbers of a drive of your own that have no key are left out.
     """
     tables = {table: getattr(scene, table) for table in TABLE_NAMES if getattr(scene, table) is not None}
     fields = {table: part._asdict() if table == "initial" else vars(part) for table, part in tables.items()}
