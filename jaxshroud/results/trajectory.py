@@ -163,8 +163,8 @@ class Trajectory(WithAmplitudes, Result):
         """The share of the motion that is no travelling wave of the drive, (...): 0 to rounding for such a wave.
 
         It is measured over the last whole orbit, without one over the second half of the run, and of x, y and theta for
-        the one for which it is the largest; `wave` says which. NaN where the phases are those of no engine order, the run
-        has stopped or nothing moves.
+        the one for which it is the largest; `wave` says which. NaN where the phases are those of no engine order, or
+        the run has stopped, or nothing moves.
         """
         if "status" in self.data.attrs:
             return np.asarray(self.wave.distance.share)
