@@ -71,10 +71,12 @@ def layout_with(row: Any) -> Layout:
 
 @lru_cache(maxsize=64)
 def row_layout(blades: int, closed: bool) -> Layout:
-    """The layout of a row, all of whose blades count; they are called by their numbers."""
+    """The layout of a row, all of whose blades count; names are those of keys, from 0, and x_1 is that of blade 0."""
     size = blades if closed else blades - 1
-    text, numbers = f"{'a ring' if closed else 'an open chain'} of {blades}", tuple(map(str, range(blades)))
-    return Layout(blades, closed, numbers, blades, numbers, (size,), text)
+    text = f"{'a ring' if closed else 'an open chain'} of {blades}"
+    names = tuple(map(str, range(blades)))
+    indices = tuple(map(str, range(1, blades + 1)))
+    return Layout(blades, closed, names, blades, indices, (size,), text)
 
 
 COORDINATES = ("x", "y", "theta")
