@@ -162,6 +162,8 @@ def _draw_both(panel: Panel, other: Panel, behind: object, ax: Axes, content: ob
             raise InputError("`over`: panels of colours cannot be drawn over one another; choose another `panel`.")
         if isinstance(artist, Line2D | LineCollection):
             artist.set(color=GREY, label="_", zorder=BEHIND)
+            if isinstance(artist, Line2D):
+                artist.set(markeredgecolor=GREY)
         else:
             artist.remove()
     labels = ax.get_xlabel(), ax.get_ylabel()

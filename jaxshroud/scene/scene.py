@@ -1,6 +1,7 @@
 """The scene: blades, shroud, contact, friction, drive and the initial motion."""
 
 from collections.abc import Mapping, Sequence
+from importlib import import_module
 from typing import Any
 
 import equinox as eqx
@@ -231,9 +232,7 @@ class Scene(eqx.Module):
             KeyNameError: There is no such number, two keys are one, or the scene has no engine order for a speed.
             SceneError: A value is out of its range; traced values are not checked.
         """
-        from jaxshroud.scene.vary import with_checked
-
-        return with_checked(self, values)
+        return import_module("jaxshroud.scene.vary").with_checked(self, values)  # which itself imports this module
 
     def _require_equilibrium(self) -> None:
         """Raise an InputError unless static equilibria of such a scene are known."""
