@@ -121,13 +121,12 @@ def numbers_shown(cell: str) -> list[float]:
 
 
 def write_row(row: list[str]) -> None:
-    """Put a row in place of the one of its case; a new one comes last."""
+    """Put a row in place of the one of its case; a new one comes in the order of the cases."""
     table = {**rows(), row[0]: row}
-    head, _, rest = PAGE.read_text("utf-8").partition("|---|")
-    separator, _, after = rest.partition("\n")
-    text = after[after.index("\n\n") :] if after.startswith("| ") else after
-    body = "\n".join("| " + " | ".join(table[name]) + " |" for name in CASES if name in table)
-    PAGE.write_text(f"{head}|---|{separator}\n{body}{text}", "utf-8")
+    lines = [line for line in PAGE.read_text("utf-8").splitlines() if line.strip("| ").split(" | ")[0] not in CASES]
+    head = lines.index("|---|---|---|---|---|---|---|") + 1
+    lines[head:head] = ["| " + " | ".join(table[name]) + " |" for name in CASES if name in table]
+    PAGE.write_text("\n".join(lines) + "\n", "utf-8")
 
 
 def compare(name: str, ours: Sequence[float], test: str, write: bool) -> None:

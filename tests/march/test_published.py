@@ -4,7 +4,6 @@ A face at 90 degrees is a wall across x, along which y slides; `neighbour = "rig
 """
 
 import json
-from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -136,20 +135,21 @@ def test_a_chain_of_eight_masses(chain, published):
 class Modal(Blades):
     """Blades by their modes, whose shapes at the shroud are given; y and theta of the shroud hardly move."""
 
-    squares: jax.Array  # of the natural frequencies
-    shape: jax.Array
+    mass: jax.Array
+    stiffness: jax.Array
+    shroud: jax.Array
 
     def __init__(self, lumped: Blades, squares, shape):
         for name, number in vars(lumped).items():
             setattr(self, name, number)
-        self.squares, self.shape = map(jnp.asarray, (squares, shape))
+        each = lambda matrix: jnp.asarray(np.broadcast_to(matrix, (len(lumped.m), *matrix.shape)))
+        mass = np.eye(len(squares))
+        self.mass = each(mass)
+        self.stiffness = each(np.diag(squares))
+        self.shroud = each(np.stack([shape, 1e-9 * mass[1], 1e-9 * mass[2]]))
 
     def matrices(self):
-        count, size = len(self.m), len(self.squares)
-        each = lambda matrix: jnp.broadcast_to(matrix, (count, *matrix.shape))
-        mass = jnp.eye(size)
-        shroud = jnp.stack([self.shape, 1e-9 * mass[1], 1e-9 * mass[2]])
-        return BladeMatrices(each(mass), each(0 * mass), each(jnp.diag(self.squares)), each(shroud))
+        return BladeMatrices(self.mass, 0 * self.mass, self.stiffness, self.shroud)
 
 
 def beam_modes(bending, mass, free, at):
@@ -213,5 +213,5 @@ def test_the_page_of_validation_has_every_case_as_others_print_it():
         test = row[-1].strip("`")
         assert row == cells(name, numbers_shown(row[OURS]), test)
         path, _, function = test.partition("::")
-        assert f"@pytest.mark.published" in (source := (ROOT / "tests" / path).read_text("utf-8"))
+        assert "@pytest.mark.published" in (source := (ROOT / "tests" / path).read_text("utf-8"))
         assert f"def {function}(" in source
