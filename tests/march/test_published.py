@@ -107,10 +107,11 @@ def test_a_bilinear_oscillator_is_free(published):
     run = js.simulate(js.vary(scene, "drive.f", 0.5), n_periods=1, method=dopri8(1000), events=True)
     ours = 1 / contacts(run).sum()
     published("SDND122a", [ours])
-    size = energy / (k * gap**2)  # their formula, which takes the energy of the spring for that of all
-    free = 2 * np.arccos(-1 / np.sqrt(2 * size))
-    stopped = 2 * np.sqrt(k / (k + stop)) * np.arccos(np.sqrt(k / (2 * size * (k + stop))))
-    assert ours == pytest.approx(np.sqrt(k) / (free + stopped), rel=0.02)
+    free = (np.pi + 2 * np.arcsin(gap * np.sqrt(k / (2 * energy)))) / np.sqrt(k)
+    speed = np.sqrt(2 * energy - k * gap**2)
+    omega = np.sqrt(k + stop)
+    stopped = 2 * np.arctan2(speed, k * gap / omega) / omega
+    assert ours == pytest.approx(1 / (free + stopped), rel=1e-6)
 
 
 @pytest.fixture(scope="module")
