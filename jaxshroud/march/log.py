@@ -136,7 +136,7 @@ def _updated_log(log: Log, trial: AcceptedTrial, model: Model, method: Choices) 
 
 
 def log_of_new_period(log: Log, z: Motion, method: Choices) -> Log:
-    """The log with what is told of each period reset, at the motion `z`."""
+    """The log with the values of single periods reset, at the motion `z`."""
 
     def reset(one: Observable) -> Any:
         before = value_in(log, one.name)
@@ -265,7 +265,7 @@ def _reset_in_row(one: Observable, before: Any, z: Motion) -> Any:
 
 
 def accumulator_of_new_period(accumulator: Accumulator, z: Motion, method: Choices) -> Accumulator:
-    """The accumulator with what is told of each period reset, at the motion `z`."""
+    """The accumulator with the values of single periods reset, at the motion `z`."""
     integrals, jumps = jax.tree.map(jnp.zeros_like, (accumulator.integrals, accumulator.jumps))
     log = accumulator.log
     if log is not None:
