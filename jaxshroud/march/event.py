@@ -252,7 +252,7 @@ class GuardsAfterEvent(NamedTuple):
 
 
 def guards_after_event(
-    after: Guards, end: Guards, low: Guards, fire: Bool[Array, "..."], kind: Int[Array, "..."], events: Events
+    after: Guards, end: Guards, low: Guards, fire: Any, kind: Any, events: Events
 ) -> GuardsAfterEvent:
     """The guards after the event of number `kind`, if there was one.
 
@@ -262,7 +262,7 @@ def guards_after_event(
         after: The guards right after the event.
         end: Those right before it, where the trial ended.
         low: Those at the lower end of the bracket.
-        fire: Whether there was an event.
+        fire: Whether there was an event, at each interface.
         kind: Its number.
         events: The events of the march.
     """

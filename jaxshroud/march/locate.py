@@ -241,7 +241,7 @@ def at_least_two(flags: tuple[Bool[Array, ""], ...]) -> Bool[Array, ""]:
     return any_of([none, *(a & any_of(flags[i + 1 :]) for i, a in enumerate(flags[:-1]))])
 
 
-def select_guard(numbers: tuple[Any, ...], kind: Int[Array, "..."]) -> Any:
+def select_guard(numbers: tuple[Any, ...], kind: Any) -> Any:
     """The number that belongs to `kind`."""
     first, *others = present(numbers)
     chosen = numbers[first]

@@ -24,7 +24,7 @@ from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State, touches_at_corners
 from jaxshroud.model.rhs import Integrals, rhs
-from jaxshroud.model.row import Each, OfInterfaces, RowModel, _at, over, pair_states
+from jaxshroud.model.row import CaseOfInterfaces, Each, OfInterfaces, RowModel, _at, over, pair_states
 from jaxshroud.scene.keys import Motion
 
 
@@ -46,7 +46,7 @@ class AcceptedTrial(NamedTuple):
     by_series: tuple[Any, ...] | None = None  # see `Observable.of_series`, of each; None for Runge-Kutta methods
 
 
-def mode_of_smooth_contact(v: PerLane) -> Int[Array, "..."]:
+def mode_of_smooth_contact(v: OfInterfaces) -> CaseOfInterfaces:
     """Whether faces touch, as a mode, at a penetration `v` [m]; smooth contact has no modes of its own."""
     return where(v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS))
 

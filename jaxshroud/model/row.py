@@ -352,7 +352,7 @@ def rates_of_blades(z: Any, wave: Any, R: BladeForces, model: RowModel, recorded
 
 
 def row_rhs(
-    wave: Any, now: State, cluster: Cluster | None, model: RowModel, recorded: Recorded, each: Each
+    wave: Any, now: State, cluster: Cluster | FlatPair | None, model: RowModel, recorded: Recorded, each: Each
 ) -> tuple[StateDerivative, Integrals]:
     """The accelerations of a row and the rates of the `recorded` integrals while modes and cases are fixed.
 
