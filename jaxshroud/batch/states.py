@@ -17,8 +17,7 @@ from jaxshroud.march.event import GuardEvaluation, any_of, first_kind, present
 from jaxshroud.march.events import transition
 from jaxshroud.march.forces_and_energy import ContactForces, contact_forces, stacked_point_forces
 from jaxshroud.march.locate import select
-from jaxshroud.march.log import is_of_blades
-from jaxshroud.model.arithmetic import ZERO, filled, is_zero, sincos_turns
+from jaxshroud.model.arithmetic import ZERO, filled, is_of_blades, is_zero, sincos_turns
 from jaxshroud.model.blade import ElasticMotion
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import Mode

@@ -18,7 +18,16 @@ from jaxshroud.march.locate import select
 from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Beginning, BladeTrial, InterfaceTrial, Lift, Observable, Per
-from jaxshroud.model.arithmetic import ZERO, Scalar, both_sides, is_unrolled, is_zero, where, zeros_for
+from jaxshroud.model.arithmetic import (
+    ZERO,
+    Scalar,
+    both_sides,
+    is_of_blades,
+    is_unrolled,
+    is_zero,
+    where,
+    zeros_for,
+)
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode
@@ -164,11 +173,6 @@ def of_blades(one: Observable, f: Callable[..., Any], *trees: Any) -> Any:
         return f(*trees)
     left, right = (f(*(_of_side(i, tree) for tree in trees)) for i in (0, 1))
     return jax.tree.map(lambda a, b: (a, b), left, right, is_leaf=is_zero)
-
-
-def is_of_blades(tree: Any) -> bool:
-    """Whether a tree is a plain tuple of numbers, one of each blade."""
-    return type(tree) is tuple and len(tree) > 0 and not isinstance(tree[0], tuple | None)
 
 
 def _of_side(i: int, tree: Any) -> Any:

@@ -9,11 +9,11 @@ from jaxshroud.march.accumulator import Accumulator, EnergyJumps, Log
 from jaxshroud.march.carry import Fixed, Lane, Search, new_search
 from jaxshroud.march.event import check_own_events, guards_to_begin_with
 from jaxshroud.march.events import evaluate_guards
-from jaxshroud.march.log import is_of_blades, log_of, new_accumulator, value_in
+from jaxshroud.march.log import log_of, new_accumulator, value_in
 from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import Choices
 from jaxshroud.march.row_trial import row_trial, step_of_trial
-from jaxshroud.model.arithmetic import ZERO, Unrolled, is_zero, zeros_for
+from jaxshroud.model.arithmetic import ZERO, Unrolled, is_of_blades, is_zero, zeros_for
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.row import Each, RowModel

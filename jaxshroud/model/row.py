@@ -27,13 +27,13 @@ from jaxshroud.model.arithmetic import (
     ZERO,
     Unrolled,
     both_sides,
+    is_of_blades,
     is_unrolled,
     is_zero,
     left_of_interfaces,
     right_of_interfaces,
     sum_at_blades,
     times_along,
-    total,
     where,
 )
 from jaxshroud.model.blade import AnyBlade, BladeForces, blades_of_row
@@ -88,7 +88,16 @@ class RowModel(eqx.Module):
     aero: AeroMatrices | None  # of the flow
     closed: bool = eqx.field(static=True)
     parts: Parts = eqx.field(static=True)
-    is_pair: bool = eqx.field(static=True, default=False)  # works are those of both blades, means of the left one
+
+    @property
+    def is_pair(self) -> bool:
+        """Whether it is an unrolled pair."""
+        return is_unrolled(self.blades.I)
+
+    @property
+    def pair(self) -> Model:
+        """The pair, of an unrolled one."""
+        return _at(0, self.interfaces)
 
     @property
     def turns(self) -> bool:
@@ -101,10 +110,43 @@ class RowModel(eqx.Module):
         return self.turns and self.interfaces.law.has_events and not self.interfaces.law.has_points
 
 
+def along_blades(tree: Any) -> Any:
+    """A tree of pairs along an unrolled axis of blades."""
+
+    def along(a: Any) -> Any:
+        if not is_of_blades(a):
+            return a
+        return ZERO if all(map(is_zero, a)) else Unrolled(*a)
+
+    return jax.tree.map(along, tree, is_leaf=is_of_blades)
+
+
+def at_interface(tree: Any) -> Any:
+    """A tree of numbers of the only interface along an unrolled axis of interfaces."""
+    return jax.tree.map(Unrolled, tree)
+
+
+def row_of_pair(model: Model) -> RowModel:
+    """The row of a pair, unrolled."""
+    return RowModel(
+        blades=along_blades(model.blades),
+        drive=along_blades(model.drive),
+        inverse=along_blades(model.mobility.inverse),
+        gyration=model.gyration,
+        static=along_blades(model.static),
+        interfaces=at_interface(model),
+        coupling=at_interface(model.coupling),
+        aero=None,
+        closed=False,
+        parts=model.parts,
+    )
+
+
 def prepared_row(scene: Scene) -> RowModel:
-    """The constants of a row; without an axis of lanes."""
+    """The constants of a row, or of a pair, which is an unrolled one; without an axis of lanes."""
     row = scene.row
-    assert row is not None
+    if row is None:
+        return row_of_pair(prepared_model(scene))
     pairs = jax.vmap(lambda j: prepared_model(pair_at(scene, j)))(jnp.arange(row.interfaces))
     blades, drive = blades_of_row(scene), excitation(scene.drive)
     return RowModel(
@@ -364,9 +406,6 @@ def row_rhs(
     if recorded.ledger:
         viscous = rates.viscous + coupling_losses(now.motion, model)
         ledger = Ledger(rates.drive, abs(rates.drive), viscous, effects.lost)
-        if model.is_pair:
-            drive = total(rates.drive)
-            ledger = Ledger(drive, abs(drive), total(viscous), total(effects.lost))
     moments = None
     if recorded.moments:
         z = blades.shroud(now.motion)
@@ -374,7 +413,7 @@ def row_rhs(
         moments = Moments(first, jax.tree.map(lambda a: a * a, first))
     return (
         StateDerivative(a, effects.u_s),
-        Integrals(rates.power, ledger, moments, effects.loads, _at(0, rates.means) if model.is_pair else rates.means),
+        Integrals(rates.power, ledger, moments, effects.loads, rates.means),
     )
 
 
