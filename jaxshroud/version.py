@@ -1,3 +1,3 @@
 """The version, in its one place: the build reads it here."""
 
-__version__ = "0.9.0"
+__version__ = "1.0.0rc1"

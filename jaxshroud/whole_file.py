@@ -164,7 +164,7 @@ def leftovers_in(folder: Path) -> list[Path]:
 
 
 def remove_unless_locked(leftover: Path) -> None:
-    """Remove a regular file of one's own that no living process has locked."""
+    """Remove a regular file of this package that no living process has locked."""
     with suppress(OSError):
         if not _is_own_file(leftover.lstat()):  # others are not even opened
             return

@@ -8,10 +8,12 @@ import shutil
 import sys
 import tempfile
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 
 import jax
 import psutil
+import published as published_cases
 import pytest
 from jaxtyping import install_import_hook
 
@@ -72,6 +74,7 @@ def pytest_addoption(parser):
     parser.addoption("--benchmark", action="store_true", help="run the side-by-side timings too")
     parser.addoption("--studies", action="store_true", help="run seeded samples of the studies too")
     parser.addoption("--release", action="store_true", help="run what takes too long for every day too")
+    parser.addoption("--write", action="store_true", help="write the rows of docs/validation.md anew")
     parser.addoption("--part", default="1/1", help="run one part of the files, as K/M: files K, K + M, ...")
 
 
@@ -81,8 +84,8 @@ def pytest_unconfigure():
 
 
 def by_name(config):
-    """Whether single tests were asked for."""
-    return any("::" in word for word in config.args)
+    """Whether single tests are named, or the mark of some."""
+    return bool(config.option.markexpr) or any("::" in word for word in config.args)
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -144,6 +147,13 @@ def part_of(items, part, parts):
 def table1():
     """Table 1 of the article with Table 2's gap and F_0, gamma = 2.5, consistent reading."""
     return load("table1", ["contact.gamma=2.5", "drive.F_0=60"]).scene
+
+
+@pytest.fixture
+def published(request):
+    """Compare our numbers of a published case with its own, and with the page that shows both."""
+    test = request.node.nodeid.partition("[")[0].removeprefix("tests/")
+    return partial(published_cases.compare, test=test, write=request.config.getoption("--write"))
 
 
 @pytest.fixture

@@ -107,3 +107,15 @@ def test_messages_are_in_plain_english():
     for path in (ROOT / "jaxshroud").rglob("*.py"):
         messages = [text for text in messages_of(ast.parse(path.read_text("utf-8"))) if " " in text]
         assert not found_in("\n".join(messages)), path
+
+
+NOT_YET = ("batch", "march")  # rooms whose docstrings are not held to this
+
+
+def test_docstrings_are_in_plain_english():
+    for path in (ROOT / "jaxshroud").rglob("*.py"):
+        if path.parent.name in NOT_YET:
+            continue
+        holders = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+        nodes = [node for node in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(node, holders)]
+        assert not found_in("\n".join(filter(None, map(ast.get_docstring, nodes)))), path

@@ -77,7 +77,7 @@ def march_steps(
     return with_clock_reset(lanes, arrived), arrived
 
 
-def with_clock_reset(lanes: Tree, where: Bool[Array, "..."]) -> Tree:
+def with_clock_reset(lanes: Lane, where: Bool[Array, "..."]) -> Lane:
     """The lanes at step 0 `where` they have arrived at the end of their steps."""
     return eqx.tree_at(lambda lanes: lanes.step, lanes, jnp.where(where, 0, lanes.step))
 
@@ -189,7 +189,7 @@ def periods_within(
     run: Callable[[Lane, Int[Array, ""]], tuple[Lane, Int[Array, ""]]],
     lanes: Lane,
     stop: Int[Array, " lanes"],
-) -> tuple[Tree, Int[Array, ""]]:
+) -> tuple[Lane, Int[Array, ""]]:
     """Lanes after periods that end at step `stop`, by `run(lanes, passes)`, and how many of these have ended."""
 
     def one(carry: Any) -> Any:

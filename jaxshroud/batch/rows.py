@@ -28,7 +28,7 @@ from jaxshroud.march.forces_and_energy import contact_spring_energy, energy_resi
 from jaxshroud.march.log import accumulator_of_new_period
 from jaxshroud.march.method import Choices
 from jaxshroud.march.row_trial import begin_row, row_trial
-from jaxshroud.model.arithmetic import ZERO, Unrolled, filled, is_unrolled, is_zero, total
+from jaxshroud.model.arithmetic import ZERO, filled, is_zero, total
 from jaxshroud.model.modes import FLAT, Status
 from jaxshroud.model.points_contact import points_last
 from jaxshroud.model.prepared import Model, State
@@ -60,25 +60,7 @@ def lanes_first(tree: Tree) -> Tree:
 
 def row_models(scenes: Scene) -> tuple[RowModel, Float[Array, " lanes"]]:
     """The constants of rows, lanes last, and their drive periods."""
-    models = lanes_last(jax.vmap(prepared_row)(scenes))
-    if unrolls(scenes):
-        models = unrolled(models)
-    return models, scenes.drive.period
-
-
-def unrolls(scenes: Scene) -> bool:
-    """Whether rows run unrolled: those of one interface."""
-    return False
-
-
-def unrolled(tree: Tree) -> Tree:
-    """A tree of arrays (M, lanes), or (lanes,), with the first axis of the former unrolled."""
-    return jax.tree.map(lambda a: Unrolled(*a) if a.ndim > 1 else a, tree)
-
-
-def stacked(tree: Tree) -> Tree:
-    """The inverse of `unrolled`."""
-    return jax.tree.map(lambda a: jnp.stack(a.numbers) if is_unrolled(a) else a, tree, is_leaf=is_unrolled)
+    return lanes_last(jax.vmap(prepared_row)(scenes)), scenes.drive.period
 
 
 def begin_rows(scenes: Scene, states: State, method: Choices) -> Lane:
@@ -88,15 +70,12 @@ def begin_rows(scenes: Scene, states: State, method: Choices) -> Lane:
 
 @compiled("method", "each")
 def _begin_rows(scenes: Scene, states: State, method: Choices, each: EachLane) -> Lane:
-    return lanes_first(stacked(rows_at_start(states, row_models(scenes)[0], method, each)))
+    return lanes_first(rows_at_start(states, row_models(scenes)[0], method, each))
 
 
 def rows_at_start(states: State, model: RowModel, method: Choices, each: EachLane) -> Lane:
     """The rows, lanes last, at their start from `states`, lanes first."""
-    states = lanes_last(states)
-    if is_unrolled(model.blades.I):
-        states = unrolled(states)
-    return begin_row(carried_row(states, model), model, method, each)
+    return begin_row(carried_row(lanes_last(states), model), model, method, each)
 
 
 def carried_row(state: State, model: RowModel) -> State:
@@ -118,9 +97,6 @@ def carried_row(state: State, model: RowModel) -> State:
 
 def march_rows(lanes: Lane, fixed: Fixed, method: Choices, each: EachLane, passes: Int[Array, ""] | None = None) -> Any:
     """Run every row to the start of step `stop`, or until its status is not OK; `passes` as in `periods.march`."""
-    if is_unrolled(lanes.state.case):
-        one = jax.jit(lambda lanes: row_trial(lanes, fixed, method, each))
-        return repeated_trials(one, lanes, fixed.stop, False, passes=passes)
     return repeated_trials(lambda lanes: row_trial(lanes, fixed, method, each), lanes, fixed.stop, True, passes=passes)
 
 

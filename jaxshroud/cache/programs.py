@@ -3,7 +3,7 @@
 JAX's own cache of compiled programs is asked only after a function has been traced, which takes longer than all the
 rest. Here a program is found by what it depends on, see `key`. The programs that the same command used last time are
 prefetched by a thread: loading needs little Python and takes about as long as the imports do. A program is used only
-where it is asked for: a list that is out of date costs time of a second core, and nothing else.
+where it is requested: a list that is out of date costs time of a second core, and nothing else.
 """
 
 import logging
@@ -29,7 +29,7 @@ from jaxshroud.cache.store import ProgramStore, entry_name, lead_jax_into, log, 
 
 
 class Prefetch:
-    """Loads entries by their names on a thread, and notes which ones are asked for."""
+    """Loads entries by their names on a thread, and notes which ones are requested."""
 
     def __init__(self, load: Callable[[str], Any]):
         self.load, self.lock, self.stopped = load, threading.Lock(), threading.Event()
@@ -42,7 +42,7 @@ class Prefetch:
         threading.Thread(target=self._run, args=(names,)).start()
 
     def stop(self) -> None:
-        """Load no further entry, and forget those that nobody has asked for."""
+        """Load no further entry, and forget those that nobody has requested."""
         self.stopped.set()
         with self.lock:
             self.loading.clear()

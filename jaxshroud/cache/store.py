@@ -180,7 +180,7 @@ class CheckedCache:
 
 
 def lead_jax_into(store: ProgramStore | None) -> bool:
-    """Let JAX keep its entries in a store from now on; None: wherever JAX is told. Whether that could be done."""
+    """Let JAX keep its entries in a store from now on; None: where its settings say. Whether that could be done."""
     global _cache
     _cache = None if store is None or not hasattr(compilation_cache, "_cache") else CheckedCache(store)
     reset_jax_cache()

@@ -240,7 +240,7 @@ def _abandon_output() -> None:
 
 
 def _lacks_device() -> bool:
-    """Whether JAX was asked for a device that is not here, on which it fails in several ways, and each time."""
+    """Whether JAX is to use a device that is not here, on which it fails in several ways, and each time."""
     if "jax" not in sys.modules or not os.environ.get("JAX_PLATFORMS"):
         return False
     try:

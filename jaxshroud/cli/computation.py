@@ -1,7 +1,7 @@
 """How a command computes: load its scene, choose a method, call its verb, write and print the result.
 
 Imports go on in a thread of their own, while programs are loaded and scenes are marched, which needs little Python. A
-picture that fails is told at the end, after all else is written.
+picture that fails is named at the end, after all else is written.
 """
 
 import argparse
@@ -129,7 +129,7 @@ def write_files(completed: CompletedCall, summary: dict[str, Any] | None = None)
         else:
             pictures.append(path)
     if pictures:
-        draw(completed.result.plot, *pictures)
+        draw(completed.result.plot, *pictures, dpi=completed.options.dpi)
 
 
 def print_result(completed: CompletedCall, rows: Mapping[str, Any], title: str = "") -> None:

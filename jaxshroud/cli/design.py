@@ -102,7 +102,7 @@ def _output_tuning(completed: CompletedCall) -> None:
     write_json(summary, summary_path)
     best = load_scene(completed.options, _overrides_of(tuned))
     write(design_path, best.text().encode())
-    draw(lambda: picture("tuned", summary), picture_path)
+    draw(lambda: picture("tuned", summary), picture_path, dpi=completed.options.dpi)
     print_table(completed.title, {**_tuning_rows(tuned), "written": files_written()})
 
 

@@ -1,4 +1,4 @@
-"""Pictures that commands write beside their results: one that fails is told at the end, after all else is written."""
+"""Pictures that commands write beside their results: one that fails is named at the end, after all else is written."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -12,12 +12,12 @@ if TYPE_CHECKING:
 failed_pictures: list[str] = []  # of this command, with the reasons
 
 
-def draw(figure: Callable[[], "Figure"], *paths: Path) -> None:
-    """Write the picture that `figure` draws to files; where that fails, the command says so at its end."""
+def draw(figure: Callable[[], "Figure"], *paths: Path, dpi: int) -> None:
+    """Write the picture that `figure` draws, with `dpi` dots per inch; a failure is said at the end of the command."""
     from jaxshroud.plotting.style import save_figure
 
     try:
-        save_figure(figure(), *paths)
+        save_figure(figure(), *paths, dpi=dpi)
     except Exception as error:
         names = ", ".join(map(str, paths))
         failed_pictures.append(f"{names}: cannot be drawn ({one_line(error) or type(error).__name__})")

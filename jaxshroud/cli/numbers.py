@@ -1,6 +1,6 @@
 """The commands of a scene's numbers: `gradient`, `fit` and `scatter`.
 
-They tell what each number does, what the numbers are by measurements, and how P_d scatters where they do.
+They say what each number does, what the numbers are by measurements, and how P_d scatters where they do.
 """
 
 import argparse
@@ -137,7 +137,8 @@ def _print_effects(gradient: Gradient) -> None:
 def _draw_effects(completed: CompletedCall, summary: dict[str, Any]) -> None:
     from jaxshroud.plotting.pictures import picture
 
-    draw(lambda: picture("gradient", summary), completed.options.out.with_suffix(".png"))
+    options = completed.options
+    draw(lambda: picture("gradient", summary), options.out.with_suffix(".png"), dpi=options.dpi)
 
 
 def _check_by_differences(gradient: Gradient) -> dict[str, Any]:

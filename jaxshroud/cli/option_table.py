@@ -246,6 +246,7 @@ SHARED_OPTIONS = {
         Option("--most-periods", "periods after which a motion counts as aperiodic", count(64), metavar="N"),
         # Results.
         Option("--title", "title of the picture", metavar="TEXT"),
+        Option("--dpi", "dots per inch of pictures", count(30, 2400), 200, metavar="N"),
         Option("--out", "folder of the results, made if it is not there", path, metavar="DIR", required=True),
         Option("--force", "replace existing results", action="store_true"),
     )

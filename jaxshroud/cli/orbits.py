@@ -203,7 +203,7 @@ def _output_branch(completed: CompletedCall) -> None:
     branch: Branch = completed.result
     dataset_path, picture_path, summary_path = completed.paths
     branch.save(dataset_path)
-    draw(lambda: branch.plot(over=_background_sweep(completed)), picture_path)
+    draw(lambda: branch.plot(over=_background_sweep(completed)), picture_path, dpi=completed.options.dpi)
     summary = {**branch.summary(), "seconds": completed.seconds}
     write_json(summary, summary_path)
     for line in branch.messages:

@@ -102,7 +102,7 @@ class CommandReport(ProgressReport):
 
 
 class SilentReport(ProgressReport):
-    """That what is being done is told by other means."""
+    """That what is being done is shown by other means."""
 
     def __str__(self) -> str:
         return ""
@@ -113,7 +113,7 @@ _open_reports: list[ProgressReport] = []  # the innermost last
 
 @contextmanager
 def reported(report: ProgressReport) -> Iterator[None]:
-    """Within, lines tell what this report says."""
+    """Within, lines say what this report says."""
     _open_reports.append(report)
     try:
         yield

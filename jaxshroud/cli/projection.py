@@ -1,4 +1,4 @@
-"""What a long run will take, projected from short trials of some of its lanes, and told before it begins."""
+"""What a long run will take, projected from short trials of some of its lanes, and printed before it begins."""
 
 import sys
 from collections.abc import Sequence

@@ -2,10 +2,10 @@
 
 import argparse
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from jaxshroud.cli.command_table import COMMANDS, SWEEP_KINDS
 from jaxshroud.cli.progress import progress_bar
@@ -13,9 +13,6 @@ from jaxshroud.cli.terminal import CommandError, require_free
 from jaxshroud.io.files import place_of
 from jaxshroud.io.store import read, read_json
 from jaxshroud.scene.checks import Error, InputError, StoreError
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 DRAWN_JSON = {"power.json", "tune.json", "trade.json"}
 FILES_IN_FOLDERS = (
@@ -33,15 +30,10 @@ def plot_command(options: argparse.Namespace) -> None:
     picture = options.out or source.with_suffix(f".{options.format or 'png'}")
     if options.format and picture.suffix[1:].lower() != options.format:
         raise CommandError(f"{picture}: is named otherwise than --format {options.format}; give one of them")
-    appearance = _appearance(options)
     if options.out is not None:
         require_free(options.out, options.force)
-    if source.suffix == ".json":
-        if options.kind is not None:
-            raise CommandError(f"{source}: --kind is for stored runs")
-        draw_json(source, read_json(source), picture, appearance)
-    else:
-        draw_dataset(source, read(source), picture, options.kind, appearance)
+    draw = draw_json if source.suffix == ".json" else draw_dataset
+    draw(source, picture, options)
     print(place_of(picture))
 
 
@@ -63,29 +55,32 @@ def _appearance(options: argparse.Namespace) -> dict[str, Any]:
     return {name: value for name in Appearance._fields if (value := getattr(options, name)) is not None}
 
 
-def draw_dataset(
-    source: Path, ds: "xr.Dataset", picture: Path, kind: str | None = None, appearance: Mapping[str, Any] | None = None
-) -> None:
-    """Draw a sweep, or a trajectory in one of its kinds of pictures."""
+def draw_dataset(source: Path, picture: Path, options: argparse.Namespace) -> None:
+    """Draw a result of one or more runs, in one of its kinds of pictures."""
+    from jaxshroud.results.base import open as opened
     from jaxshroud.results.base import result_from_dataset
 
-    if kind in SWEEP_KINDS and isinstance(ds.attrs.get("axes"), str):
-        from jaxshroud.plotting.pictures import picture as drawn
-
-        _save(source, lambda: drawn(kind, ds, **(appearance or {})), picture)
-        return
-    if kind is not None and "end_turns" not in ds.attrs:
-        kind_text = "a sweep" if isinstance(ds.attrs.get("axes"), str) else "no stored run"
-        raise CommandError(f"{source}: is {kind_text}; --kind is for stored runs")
-    options = {} if kind is None else {"kind": kind}
+    ds = read(source)
+    arguments = _appearance(options)
+    if options.kind is not None:
+        is_sweep = isinstance(ds.attrs.get("axes"), str)
+        if "end_turns" not in ds.attrs and not (is_sweep and options.kind in SWEEP_KINDS):
+            raise CommandError(f"{source}: is {'a sweep' if is_sweep else 'no stored run'}; --kind is for stored runs")
+        arguments["kind"] = options.kind
+    if options.over is not None:
+        arguments["over"] = opened(options.over)
     result = result_from_dataset(ds, source)
-    _save(source, lambda: result.plot(**options, **(appearance or {})), picture)
+    _save(source, lambda: result.plot(**arguments), picture, options.dpi)
 
 
-def draw_json(source: Path, data: Any, picture: Path, appearance: Mapping[str, Any] | None = None) -> None:
+def draw_json(source: Path, picture: Path, options: argparse.Namespace) -> None:
     """Draw a convergence of P_d, a tuning or a trade."""
     from jaxshroud.plotting.pictures import picture as drawn
 
+    for name in ("kind", "over"):
+        if getattr(options, name) is not None:
+            raise CommandError(f"{source}: --{name} is for what is stored as .nc")
+    data: Any = read_json(source)
     keys = set(data) if isinstance(data, dict) else set()
     if keys >= GRADIENT and "number" not in keys:
         raise CommandError(f"{source}: holds derivatives without the numbers' values; run the command again")
@@ -95,7 +90,7 @@ def draw_json(source: Path, data: Any, picture: Path, appearance: Mapping[str, A
     kind = next((kind for kind, needed in kinds if keys >= needed), None)
     if kind is None:
         raise StoreError(f"{source}: not a result of jaxshroud; give a power.json, tune.json or trade.json")
-    _save(source, lambda: drawn(kind, data, **(appearance or {})), picture)
+    _save(source, lambda: drawn(kind, data, **_appearance(options)), picture, options.dpi)
 
 
 @contextmanager
@@ -111,7 +106,7 @@ def damage_reported(source: Path) -> Iterator[None]:
             raise StoreError(f"{source}: the result {reason}; run the command again") from None
 
 
-def _save(source: Path, draw: Callable[[], Any], picture: Path) -> None:
+def _save(source: Path, draw: Callable[[], Any], picture: Path, dpi: int) -> None:
     from jaxshroud.plotting.style import save_figure
 
     with damage_reported(source):
@@ -120,7 +115,7 @@ def _save(source: Path, draw: Callable[[], Any], picture: Path) -> None:
         except InputError as error:  # the result has no such picture
             raise CommandError(f"{source}: {error}") from None
         try:
-            save_figure(figure, picture)
+            save_figure(figure, picture, dpi=dpi)
         except StoreError:
             raise
         except OSError as error:

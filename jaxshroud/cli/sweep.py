@@ -278,7 +278,7 @@ def _write(request: SweepRequest, result: SweepResult) -> None:
     else:
         written_files[path] = path
         write_attributes(path, result.data.attrs)
-    draw(result.plot, request.options.out / "sweep.png")
+    draw(result.plot, request.options.out / "sweep.png", dpi=request.options.dpi)
 
 
 def _summary(request: SweepRequest, result: SweepResult) -> dict[str, Any]:

@@ -175,7 +175,7 @@ def interruptible(leave: Callable[[int], None]) -> Iterator[threading.Event]:
     `leave` is called with its exit status. Where standard output is a pipe, as in `| head`, and its reader goes, that
     is an interruption too, and the event that is yielded is set.
 
-    SIGTERM and SIGHUP are the same as Ctrl-C; those that follow a signal within a second are the same one told twice,
+    SIGTERM and SIGHUP are the same as Ctrl-C; those that follow a signal within a second are the same one sent twice,
     as by a shell that ends with its terminal. Python itself hears signals only between operations of its main thread,
     and a compilation is one operation: `leave` is called from a thread of its own, and after the first signal too where
     the main thread has not heard it in time. Where Python must ignore the exception, as in callbacks of its garbage

@@ -1,6 +1,6 @@
 """The server of the page: on this machine alone, at an address that nobody guesses.
 
-A browser gets HTML without a session, which its socket alone begins. It is told the address by a file that only its
+A browser gets HTML without a session, which its socket alone begins. It gets the address from a file that only its
 user can read, as all see a process's arguments.
 """
 

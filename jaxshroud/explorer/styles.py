@@ -118,7 +118,7 @@ Recolour = Callable[[Colours], None]
 
 
 class Recolouring:
-    """What must be told when the page changes between light and dark."""
+    """What must be passed on when the page changes between light and dark."""
 
     def __init__(self) -> None:
         self.listeners: list[Recolour] = []

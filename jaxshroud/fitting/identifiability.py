@@ -1,6 +1,6 @@
 """What data say of the numbers of a fit, and what they do not: which are determined, and why others are not.
 
-Profiles of chi^2 tell: its least value at values of one number, all others fitted anew.
+Profiles of chi^2: its least value at values of one number, all others fitted anew.
 """
 
 import math
@@ -123,7 +123,7 @@ class ProfiledNumber(NamedTuple):
 
     @property
     def is_bent(self) -> bool:
-        """Whether the profile departs so far from the linear interval that it is told."""
+        """Whether the profile departs so far from the linear interval that this is said."""
         return self.departure > NONLINEAR
 
     @property

@@ -1,4 +1,4 @@
-"""What residuals tell of the noise, and whether they are noise at all."""
+"""What residuals say of the noise, and whether they are noise at all."""
 
 import math
 

@@ -204,6 +204,6 @@ def _count_alike(points: Points) -> int:
 
 
 def _are_alike(points: Points, i: int, j: int, rows: int | None = None) -> bool:
-    """Whether two points predict the same but for a small part of the noise."""
+    """Whether two points predict the same except for a small part of the noise."""
     one, other = points.residuals.values[i, :rows], points.residuals.values[j, :rows]
     return float(np.sum((one - other) ** 2)) <= ALIKE_PREDICTIONS * float(np.mean(one**2))

@@ -32,7 +32,7 @@ class LaneWarning(UserWarning):
 
 
 class AccuracyWarning(UserWarning):
-    """Some lanes of a result are estimated to miss the accuracy that was asked for."""
+    """Some lanes of a result are estimated to miss the accuracy that was requested."""
 
 
 def status_name(code: int) -> str:

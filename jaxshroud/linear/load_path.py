@@ -236,7 +236,7 @@ def _located(low: Placed, high: Placed, rubbing: Rubbing) -> Walk:
 
 
 def _estimate(low: float, high: float, before: PathGuards, after: PathGuards) -> float:
-    """The share at which the first guard is crossed, linearly between two; their middle where it tells nothing."""
+    """The share at which the first guard is crossed, linearly between two; their middle where that says nothing."""
     begin, end = (np.concatenate([one.of_points.ravel(), one.of_cases]) for one in (before, after))
     crossed = np.concatenate([a.ravel() for a in after.crossed])
     first = float(np.min(-begin[crossed] / (end - begin)[crossed]))

@@ -31,7 +31,7 @@ def linear_systems(scenes: Scene, contact: NaturalContact, coordinate: int) -> M
     Args:
         scenes: The rows.
         contact: The state of contact.
-        coordinate: The displacements that are asked for: x, y or theta, 0 to 2.
+        coordinate: The displacements that are requested: x, y or theta, 0 to 2.
 
     Source:
         Eq. (1) with the stiffness K of the blades, of their coupling, and of `contact_stiffness`. Preload, offsets of
@@ -57,7 +57,7 @@ def linear_systems(scenes: Scene, contact: NaturalContact, coordinate: int) -> M
 
 
 def moving_directions(systems: MistunedSystem) -> np.ndarray:
-    """Whether each direction (n,) acts on the displacements that are asked for, in any of some systems (leading axis).
+    """Whether each direction (n,) acts on the displacements that are requested, in any of some systems (leading axis).
 
     Blades that do not touch have coordinates that do not act on each other.
     """

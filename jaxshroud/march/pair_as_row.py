@@ -117,7 +117,8 @@ def _as_row(lane: Lane, method: Choices) -> Lane:
     )
     if jumps is not None:
         dropped = jnp.zeros_like(jumps.springs) if is_zero(jumps.dropped) else jumps.dropped
-        jumps = EnergyJumps(Unrolled(jumps.springs), dropped)
+        springs: Any = Unrolled(jumps.springs)
+        jumps = EnergyJumps(springs, dropped)
     accumulator = Accumulator(integrals, jumps, _log_of_row(log, method), at_interface(margins))
     return Lane(state_of_row(lane.state), lane.step, search, at_interface(lane.guards), accumulator, lane.status)
 

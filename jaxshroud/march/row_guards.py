@@ -37,7 +37,6 @@ from jaxshroud.march.method import Choices
 from jaxshroud.model.arithmetic import (
     ZERO,
     Scalar,
-    Zero,
     any_along,
     at_place,
     is_place,
@@ -53,7 +52,6 @@ from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import EndTorques, Recorded, law_forces, torques_along_face
 from jaxshroud.model.row import (
     Each,
-    OfInterfaces,
     RowModel,
     blade_forces,
     clusters,
@@ -68,9 +66,7 @@ from jaxshroud.model.row import (
 ONLY_FORCES = Recorded()
 
 
-def row_torques(
-    state: State, wave: Any, model: RowModel, each: Each
-) -> tuple[OfInterfaces | Zero, OfInterfaces | Zero]:
+def row_torques(state: State, wave: Any, model: RowModel, each: Each) -> tuple[Any, Any]:
     """The relative torque of each interface with contact at the corner of its case, and the inertia against it."""
     if not model.turns_by_events:
         return ZERO, ZERO

@@ -355,7 +355,7 @@ def _is_finite(state: State) -> Bool[Array, " lanes"]:
 
 def _turned(state: State, lost: Bool[Array, " lanes"], model: RowModel) -> Bool[Array, " lanes"]:
     """Whether a block has turned too far, or the motion is `lost`."""
-    theta = model.blades.shroud(state.motion).theta
+    theta: Any = model.blades.shroud(state.motion).theta
     if is_unrolled(theta):
         theta = Unrolled(*(a for a in theta if not is_zero(a)))
     return lost if is_zero(theta) else lost | any_along(abs(theta) > ANGLE_RANGE)

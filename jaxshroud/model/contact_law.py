@@ -102,7 +102,7 @@ class FrictionGuard(NamedTuple):
 
 
 class ContactLaw(SceneLaw):
-    """A law of contact; what it can do is told by its class, and known without its numbers."""
+    """A law of contact; what it can do is given by its class, and known without its numbers."""
 
     called: ClassVar[str] = "own laws"  # in messages
     by_series: ClassVar[bool] = False  # power series march it

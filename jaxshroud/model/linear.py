@@ -35,7 +35,7 @@ def steady_amplitudes(scene: Scene) -> dict[int, Amplitudes]:
     """The steady response of the free blades to each harmonic of the drive (Sec. 3.1), by its order.
 
     Free blades do not touch, but are coupled as in the scene. It is infinite at an undamped natural frequency, where
-    rounding alone tells both frequencies apart.
+    rounding alone separates both frequencies.
     """
     return {n: _response_to(scene, n, one) for n, one in scene.drive.harmonics().items()}
 

@@ -156,7 +156,7 @@ def prepared_law(scene: Scene) -> ContactLaw:
 
 
 def law_type(scene: Scene) -> type[ContactLaw]:
-    """The kind of the law of contact of a scene, or of many: a class that tells what the law can do."""
+    """The kind of the law of contact of a scene, or of many: a class that says what the law can do."""
     return LAWS[scene.parts.contact].kind(scene)
 
 

@@ -311,7 +311,9 @@ def passed_torques(own: OfBlades, cluster: Cluster, model: RowModel) -> OfInterf
     return torque - jnp.where(cluster.all_round, jnp.mean(torque, axis=0), 0.0)[None]
 
 
-def relative_torques(own: OfBlades, case: Array, cluster: Cluster | FlatPair, model: RowModel) -> OfInterfaces:
+def relative_torques(
+    own: OfBlades, case: Array, cluster: Cluster | FlatPair, model: RowModel
+) -> OfInterfaces | Unrolled:
     """The torque on theta_j - theta_(j+1) of each interface with contact at the corner of its case [N m].
 
     It is the inertia of both clusters against a turn towards each other times the relative angular acceleration; of
@@ -326,7 +328,7 @@ def relative_torques(own: OfBlades, case: Array, cluster: Cluster | FlatPair, mo
     return where(case == FLAT, passed_torques(own, cluster, model), apart)
 
 
-def joint_inertia(cluster: Cluster | FlatPair, model: RowModel) -> OfInterfaces:
+def joint_inertia(cluster: Cluster | FlatPair, model: RowModel) -> OfInterfaces | Unrolled:
     """The inertia against a turn towards each other of the clusters left and right of each interface [kg m^2]."""
     if isinstance(cluster, FlatPair):
         return Unrolled(cluster.joint)

@@ -81,7 +81,7 @@ class SmoothContact(ContactLaw):
         return forces.F * forces.u_s
 
     def load_rates(self, point: ContactPoint, forces: LawForces) -> ContactLoads:
-        """The rates of the loads; nothing tells slip from stick."""
+        """The rates of the loads; nothing separates slip from stick."""
         if is_zero(self.lag):
             return super().load_rates(point, forces)
         return ContactLoads(forces.N, ZERO, ZERO, abs(forces.u_s))

@@ -192,7 +192,7 @@ class LawCycle(NamedTuple):
 
 
 class LawInWords(NamedTuple):
-    """The words in which the faults of a law are told."""
+    """The words in which the faults of a law are described."""
 
     name: str
     nothing: str

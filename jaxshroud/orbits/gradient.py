@@ -59,7 +59,7 @@ class PowerGradient(NamedTuple):
 
 
 class _Reductions(NamedTuple):
-    """P_d and that of the vibration alone [%]; NaN where they are not asked for."""
+    """P_d and that of the vibration alone [%]; NaN where they are not requested."""
 
     P_d: Any = float("nan")  # of one scene, or (samples,)
     P_d_vibration: Any = float("nan")

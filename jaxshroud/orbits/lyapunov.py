@@ -1,6 +1,6 @@
 """Lyapunov exponents: the rates at which neighbouring motions separate, from tangents through every event.
 
-Where there are no tangents, the largest exponent is told by how fast a nearby run parts from a run, as in G. Benettin
+Where there are no tangents, the largest exponent is given by how fast a nearby run parts from a run, as in G. Benettin
 et al. (1980): after every drive period their logarithmic growth is noted, and the second run begins anew near the first
 one. Sliders count as the motion does.
 """

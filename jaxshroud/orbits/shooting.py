@@ -181,7 +181,7 @@ def _shoot(
 
 
 def with_determined_sliders(z: np.ndarray, tangents: Tangents, units: np.ndarray | float = 1.0) -> np.ndarray:
-    """A start (numbers,) in `units` whose sliders are those at the end of its map, but for sticking ones."""
+    """A start (numbers,) in `units` whose sliders are those at the end of its map, except for sticking ones."""
     z = np.copy(z)
     sticks = np.ravel(tangents.end.mode) == Mode.STICK
     count = len(sticks)

@@ -67,7 +67,7 @@ def whole_parts(steps: int, scene: Scene) -> int:
 
 
 def _is_tuned(scene: Scene) -> bool:
-    """Whether all blades and all interfaces are alike, but for their phases and their initial motion."""
+    """Whether all blades and all interfaces are alike, except for their phases and their initial motion."""
     plain = without_given(scene)
 
     def alike(a):

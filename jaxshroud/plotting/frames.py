@@ -108,7 +108,7 @@ def stored_blocks(ds: xr.Dataset) -> Blocks:
     """The shape of the blocks of a stored run.
 
     Raises:
-        InputError: The run does not tell it.
+        InputError: The run does not have it.
     """
     shroud = tomllib.loads(str(ds.attrs.get("scene", ""))).get("shroud", {})
     if not {"l_oa", "l_ab", "alpha"} <= set(shroud):

@@ -1,18 +1,23 @@
 """The pictures of results of all kinds: the registry of their pages, and the one function that draws them."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import matplotlib as mpl
 import matplotlib.style
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.collections import LineCollection, QuadMesh
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import LogFormatter, LogLocator, MaxNLocator
 
-from jaxshroud.plotting.page import Page, figure_of
-from jaxshroud.plotting.plot_amplitude import amplitude_page, response_page
+from jaxshroud.plotting.page import Page, Panel, figure_of
+from jaxshroud.plotting.plot_amplitude import response_page
 from jaxshroud.plotting.plot_attractors import attractors_page, basins_page
 from jaxshroud.plotting.plot_branch import branch_page
 from jaxshroud.plotting.plot_campbell import campbell_page
@@ -25,14 +30,23 @@ from jaxshroud.plotting.plot_sensitivity import gradient_page, scatter_page
 from jaxshroud.plotting.plot_sweep import sweep_page
 from jaxshroud.plotting.plot_trade import trade_page
 from jaxshroud.plotting.plot_tuning import robustness_page, tuning_page
-from jaxshroud.plotting.style import STYLE, Appearance, as_is, fit_title, new_figure, show_message, typeset
+from jaxshroud.plotting.style import (
+    GREY,
+    STYLE,
+    AnyFigure,
+    Appearance,
+    as_is,
+    fit_title,
+    new_figure,
+    show_message,
+    typeset,
+)
 from jaxshroud.scene.checks import InputError
 
 # Kind of a result -> the function that makes its page from its content, the appearance and options of its own.
 PAGES: dict[str, Callable[..., Page]] = {
     "trajectory": run_page,
     "sweep": sweep_page,
-    "amplitude": amplitude_page,
     "response": response_page,
     "power": power_page,
     "diagnosis": diagnosis_page,
@@ -50,11 +64,20 @@ PAGES: dict[str, Callable[..., Page]] = {
     "campbell": campbell_page,
     "mistuned": mistuned_page,
 }
+CURVES = ("trajectory", "sweep", "response", "power", "lyapunov", "branch", "campbell")  # kinds of results
+BEHIND = 0.5  # zorder of a picture behind another
 FEWEST_TICKS = 3
 
 
 def picture(
-    kind: str, content: object, ax: Axes | None = None, panel: str | None = None, /, **options: object
+    kind: str,
+    content: object,
+    ax: Axes | None = None,
+    panel: str | None = None,
+    /,
+    *,
+    over: tuple[str, Any] | None = None,
+    **options: object,
 ) -> Figure:
     """A result as a page of panels, or one panel of it.
 
@@ -63,15 +86,22 @@ def picture(
         content: The result as its page takes it.
         ax: Draw one panel there, by default the first.
         panel: Draw only this panel.
+        over: The kind and the content of another result, drawn behind this one in grey.
         options: Fields of `Appearance`, and options of the page.
 
     Raises:
-        ValueError: There is no such picture or panel, or an option of the whole figure is given with `ax`.
+        ValueError: There is no such picture or panel, an option of the whole figure is given with `ax`, or the other
+            result cannot be drawn behind this one.
     """
     if kind not in PAGES:
         raise InputError(f"There is no picture of a result of the kind {kind!r}.")
     appearance = Appearance()._replace(**{name: options.pop(name) for name in Appearance._fields if name in options})
+    if kind == "branch" and over is not None and over[0] == "sweep":
+        options["over"] = over[1]
+        over = None
     page = PAGES[kind](content, appearance, **options)
+    if over is not None:
+        page = _over(page, kind, PAGES[over[0]](over[1], appearance, **options), over[0])
     if ax is not None:
         _draw_alone(page, panel, ax, appearance)
         return figure_of(ax)
@@ -87,6 +117,66 @@ def picture(
             if page.set_ticks:
                 set_ticks(axes)
     return figure
+
+
+def _over(page: Page, kind: str, behind: Page, other_kind: str) -> Page:
+    """The page with the lines of another of its kind, in grey, behind its own.
+
+    Raises:
+        ValueError: They are not curves of one kind, or there is nothing to draw.
+    """
+    if other_kind != kind or kind not in CURVES:
+        raise InputError(f"`over`: two results of one kind have a picture ({', '.join(CURVES)}), not these.")
+    if behind.nothing:
+        raise InputError(f"`over`: {behind.nothing}")
+    others = {panel.name: panel for panel in behind.single or behind.panels}
+
+    def with_other(panel: Panel) -> Panel:
+        other = others.get(panel.name)
+        return panel if other is None else panel._replace(draw=partial(_draw_both, panel, other, behind.content))
+
+    def finish(figure: AnyFigure, axes: Mapping[str, Axes], content: Any) -> None:
+        page.finish(figure, axes, content)
+        for ax in axes.values():
+            ax.set_xlim(_union(ax.get_xlim(), ax.dataLim.intervalx))
+
+    return replace(
+        page,
+        panels=[*map(with_other, page.panels)],
+        single=[*map(with_other, page.single)],
+        title=f"{page.title}; grey: {behind.title}",
+        finish=finish,
+    )
+
+
+def _draw_both(panel: Panel, other: Panel, behind: object, ax: Axes, content: object) -> None:
+    """Draw a panel over another, which is grey, on axes that show both.
+
+    Raises:
+        ValueError: The panels are no curves, or their axes differ.
+    """
+    before = set(ax.get_children())
+    other.draw(ax, behind)
+    for artist in set(ax.get_children()) - before:
+        if isinstance(artist, QuadMesh):
+            raise InputError("`over`: panels of colours cannot be drawn over one another; choose another `panel`.")
+        if isinstance(artist, Line2D | LineCollection):
+            artist.set(color=GREY, label="_", zorder=BEHIND)
+            if isinstance(artist, Line2D):
+                artist.set(markeredgecolor=GREY)
+        else:
+            artist.remove()
+    labels = ax.get_xlabel(), ax.get_ylabel()
+    x, y = ax.get_xlim(), ax.get_ylim()
+    panel.draw(ax, content)
+    if labels != (ax.get_xlabel(), ax.get_ylabel()):
+        raise InputError(f"`over`: the axes differ ({', '.join(labels)}); give a common `unit`, or one `panel`.")
+    ax.set(xlim=_union(ax.get_xlim(), x), ylim=_union(ax.get_ylim(), y))
+
+
+def _union(one: Sequence[float], other: Sequence[float]) -> tuple[float, float]:
+    """The limits that contain both of two, which ascend."""
+    return min(one[0], other[0]), max(one[1], other[1])
 
 
 def _draw_alone(page: Page, name: str | None, ax: Axes, appearance: Appearance) -> None:
@@ -121,7 +211,7 @@ def _style_context(path: str | os.PathLike[str] | None) -> Iterator[None]:
 
 
 def _set_xlabel(axes: list[Axes], appearance: Appearance) -> None:
-    """Set the x label that was asked for, if the picture has a single x axis."""
+    """Set the x label that was requested, if the picture has a single x axis."""
     labelled = [ax for ax in axes if ax.get_xlabel()]
     if appearance.xlabel is None or not labelled:
         return

@@ -102,7 +102,7 @@ def amplitude_page(ds: xr.Dataset, appearance: Appearance) -> Page[AmplitudeCont
         raise InputError("This sweep has no amplitudes; run it again with --amplitudes.")
     dim = str(ds.attrs["axes"])
     if "," in dim:
-        raise InputError("AmplitudeContent are drawn over one number; this sweep is along two.")
+        raise InputError("Amplitudes are drawn over one number; this sweep is along two.")
     ds = ds.sortby(dim)
     names = [name for name in DISPLACEMENT_SYMBOLS if float(np.nanmax(ds[f"{name}_peak"].to_numpy(), initial=0.0)) > 0]
     panels = [Panel(name, lambda panel, shown, name=name: _draw_amplitude(panel, shown, name)) for name in names or "x"]
@@ -179,7 +179,7 @@ def _contact_entries(ds: xr.Dataset) -> list[Artist]:
 
 
 def _finish_panels(figure: AnyFigure, axes: Mapping[str, Axes], axis: ParameterAxis, handles: Sequence[Artist]) -> None:
-    """Fit the panels to the axis, and add a legend, which tells the motion without contact if it is shown."""
+    """Fit the panels to the axis, and add a legend, which names the motion without contact if it is shown."""
     panels = [*axes.values()]
     panels[-1].set(xlim=axis.edges[[0, -1]])
     figure.align_ylabels(panels)

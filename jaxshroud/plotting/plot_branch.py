@@ -110,7 +110,7 @@ def branch_page(ds: xr.Dataset, appearance: Appearance, *, over: xr.Dataset | No
 
     Args:
         ds: The branches.
-        appearance: The appearance asked for; displacements and the number keep their units.
+        appearance: The requested appearance; displacements and the number keep their units.
         over: A sweep along the same number, which is drawn behind the branches.
 
     Raises:

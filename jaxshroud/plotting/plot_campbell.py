@@ -60,7 +60,7 @@ def campbell_page(ds: xr.Dataset, appearance: Appearance) -> Page[CampbellData]:
 
     Args:
         ds: A `Campbell` result.
-        appearance: The appearance asked for.
+        appearance: The requested appearance.
     """
     touching = [name for name in FACES if name in ds["contact"].to_numpy()]
     styles = {"apart": APART, **{name: IN_CONTACT for name in touching[:1]}}

@@ -41,7 +41,7 @@ def power_page(data: Summary, appearance: Appearance) -> Page[Summary]:
 
     Args:
         data: `n`, `P_d` and `P_d_ci` (lists, with None for missing numbers), `final` and `title`.
-        appearance: The appearance asked for.
+        appearance: The requested appearance.
     """
     title = fitting_title(str(data.get("title", "")), [AVERAGED_PERIODS], ["P_d"])
     nothing = "" if np.isfinite(_curve(data)[1]).any() else "no period was finished"

@@ -55,7 +55,7 @@ def directions_page(ds: xr.Dataset, appearance: Appearance) -> Page[Directions]:
 
     Args:
         ds: A sweep along one axis with a dimension `direction`.
-        appearance: The appearance asked for.
+        appearance: The requested appearance.
     """
     ds = ds.sortby(str(ds.attrs["axes"]))
     content = Directions(ds, parameter_axis(ds[str(ds.attrs["axes"])], appearance), appearance.unit)

@@ -40,7 +40,7 @@ def fit_page(ds: xr.Dataset, appearance: Appearance) -> Page[xr.Dataset]:
 
     Args:
         ds: A fit.
-        appearance: The appearance asked for.
+        appearance: The requested appearance.
     """
     quantities = dict.fromkeys(str(name).partition("_")[0] for name in ds["channel"].to_numpy())
     panels = [Panel(name, partial(_draw_quantity, name=name, appearance=appearance)) for name in quantities]

@@ -56,7 +56,7 @@ def mistuned_page(ds: xr.Dataset, appearance: Appearance) -> Page[MistunedConten
 
     Args:
         ds: A `Mistuned`.
-        appearance: The appearance asked for.
+        appearance: The requested appearance.
     """
     title = title_of(ds)
     size = (COLUMN_WIDTH, 5.4)

@@ -30,7 +30,7 @@ def orbit_page(ds: xr.Dataset, appearance: Appearance) -> Page[MultiplierData]:
 
     Args:
         ds: An `Orbit` of one scene.
-        appearance: The appearance asked for.
+        appearance: The requested appearance.
     """
     title = fitting_title(str(ds.attrs.get("title", "")))
     size = (PAGE_WIDTH, 3.0)
@@ -101,7 +101,7 @@ def lyapunov_page(ds: xr.Dataset, appearance: Appearance) -> Page[ExponentData]:
 
     Args:
         ds: A `Lyapunov` of one scene.
-        appearance: The appearance asked for.
+        appearance: The requested appearance.
     """
     title = fitting_title(str(ds.attrs.get("title", "")))
     size = (PAGE_WIDTH, 2.8)

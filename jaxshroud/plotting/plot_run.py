@@ -194,7 +194,7 @@ def run_page(
 
     Args:
         ds: A stored run. The samples from the first that is not finite are left out.
-        appearance: The appearance asked for.
+        appearance: The requested appearance.
         kind: One of `RUN_PAGES`: "motion", "forces" or "all" for a page of panels, or the name of a panel; of a row one
             of `ROW_PAGES`. By default "motion", where a panel that cannot be drawn shows the reason.
         settled_from: The share of the run that all panels but the time history leave out as its transient.

@@ -53,7 +53,7 @@ def gradient_page(data: Summary, appearance: Appearance) -> Page[Bars]:
 
     Args:
         data: `of`, `title`, and `value`, `ci` and `number` by their keys, as `gradient.json` holds them; `blades`.
-        appearance: The appearance asked for.
+        appearance: The requested appearance.
     """
     changes = [e for e in effects(data["value"], data["ci"], data["number"]) if np.isfinite(e.change)]
     changes = [e for e in changes if e.change] or changes
@@ -98,7 +98,7 @@ def scatter_page(ds: xr.Dataset, appearance: Appearance) -> Page[xr.Dataset]:
 
     Args:
         ds: A scatter.
-        appearance: The appearance asked for.
+        appearance: The requested appearance.
     """
     keys = [str(key) for key in ds["key"].to_numpy()]
     title = fitting_title(str(ds.attrs.get("title", "")), keys)

@@ -1,7 +1,7 @@
 """Pictures of sweeps, sized for a journal column."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -27,6 +27,7 @@ from jaxshroud.plotting.page import (
     scale_of,
     title_of,
 )
+from jaxshroud.plotting.plot_amplitude import amplitude_page
 from jaxshroud.plotting.plot_directions import directions_page
 from jaxshroud.plotting.style import (
     BLUE,
@@ -85,12 +86,14 @@ class Map(NamedTuple):
     motion: IntegerArray  # as for `Curve`
 
 
-def sweep_page(ds: xr.Dataset, appearance: Appearance) -> Page[Any]:
-    """The page of a sweep along one axis or two.
+def sweep_page(ds: xr.Dataset, appearance: Appearance, *, kind: Literal["amplitude"] | None = None) -> Page[Any]:
+    """The page of a sweep along one axis or two, or of its amplitudes.
 
     Raises:
-        ValueError: The sweep has more axes.
+        ValueError: The sweep has more axes, or no amplitudes.
     """
+    if kind is not None:
+        return amplitude_page(ds, appearance)
     dims = [dim.strip() for dim in str(ds.attrs["axes"]).split(",")]
     if len(dims) == 1 and "direction" in ds.dims:
         return directions_page(ds, appearance)

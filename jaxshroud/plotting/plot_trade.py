@@ -24,7 +24,7 @@ def trade_page(data: Summary, appearance: Appearance) -> Page[Summary]:
 
     Args:
         data: The measured settings as `trade.json` holds them.
-        appearance: The appearance asked for.
+        appearance: The requested appearance.
     """
     panels = [Panel(name, partial(_draw_error, name=name), 0.7 if name == "period" else 1.0) for name in ERRORS]
     return Page(

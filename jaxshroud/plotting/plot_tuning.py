@@ -46,7 +46,7 @@ def robustness_page(data: Summary, appearance: Appearance) -> Page[Summary]:
 
     Args:
         data: A tuning as `tune.json` holds it, with `robust`.
-        appearance: The appearance asked for.
+        appearance: The requested appearance.
     """
     part = robustness_part(data["robust"])
     size = COLUMN_WIDTH, 0.3 + part.size[1]
@@ -156,7 +156,7 @@ def tuning_page(data: Summary, appearance: Appearance) -> Page[TuningData]:
 
     Args:
         data: A tuning as `tune.json` holds it.
-        appearance: The appearance asked for.
+        appearance: The requested appearance.
     """
     symbol = quantity_symbol(str(data.get("of", "P_d")))
     title = ": ".join(filter(None, (fitting_title(str(data["title"]), data["over"]), f"{data['goal']} of {symbol}")))

@@ -304,12 +304,13 @@ def quantity(
     return f"{label} [{unit}]" if unit else label, float(factor)
 
 
-def save_figure(figure: Figure, *paths: str | os.PathLike[str]) -> None:
+def save_figure(figure: Figure, *paths: str | os.PathLike[str], dpi: int = DOTS_PER_INCH) -> None:
     """Write a figure to files of one or more formats, each completely or not at all.
 
     Args:
         figure: Any figure.
-        paths: The files; their suffixes select the formats: .png (200 dpi), .pdf or .svg.
+        paths: The files; their suffixes select the formats: .png, .pdf or .svg.
+        dpi: Dots per inch of .png.
 
     Raises:
         ValueError: A suffix is not a format of matplotlib.
@@ -318,20 +319,20 @@ def save_figure(figure: Figure, *paths: str | os.PathLike[str]) -> None:
     for path in map(Path, paths):
         if not path.suffix:
             raise InputError(f"{path}: a picture needs a suffix, such as .png, .pdf or .svg.")
-    with _laid_out(figure):
+    with _laid_out(figure, dpi):
         for path in map(Path, paths):
-            write(path, figure_content(figure, path.suffix[1:].lower()))
+            write(path, figure_content(figure, path.suffix[1:].lower(), dpi))
 
 
 @contextmanager
-def _laid_out(figure: Figure) -> Iterator[None]:
+def _laid_out(figure: Figure, dpi: int) -> Iterator[None]:
     """Within, the figure keeps one layout: with a layout engine, matplotlib draws every file twice."""
     engine = figure.get_layout_engine()
     dots = figure.dpi
     with mpl.rc_context(STYLE | NO_LAYOUT):
         try:
             if engine is not None and figure.axes:  # as in `Figure.draw`
-                figure.dpi = DOTS_PER_INCH
+                figure.dpi = dpi
                 engine.execute(figure)
                 figure.dpi = dots
                 figure.set_layout_engine(None)
@@ -341,9 +342,9 @@ def _laid_out(figure: Figure) -> Iterator[None]:
             figure.set_layout_engine(engine)
 
 
-def figure_content(figure: Figure, form: str) -> bytes:
+def figure_content(figure: Figure, form: str, dpi: int = DOTS_PER_INCH) -> bytes:
     """A figure as the content of a file in a format: "png", "pdf" or "svg"."""
     content = BytesIO()
     with mpl.rc_context(STYLE):  # how vector formats write text is decided when they are written
-        figure.savefig(content, format=form, dpi=DOTS_PER_INCH)
+        figure.savefig(content, format=form, dpi=dpi)
     return content.getvalue()

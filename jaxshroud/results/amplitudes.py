@@ -26,7 +26,7 @@ ENERGY_DROPPED = "largest energy dropped in a period by beginnings of flat conta
 
 
 class WithAmplitudes:
-    """Amplitudes of x, y and theta of both blades over the kept periods, in results that were asked for them."""
+    """Amplitudes of x, y and theta of both blades over the kept periods, in results of runs with `amplitudes`."""
 
     x_mean = Variable(MEAN.format("x"), "m", ("blade",))
     x_rms = Variable(RMS.format("x"), "m", ("blade",))
@@ -49,7 +49,7 @@ class WithAmplitudes:
 
 
 class WithLoads:
-    """The loads of contact over the latest whole orbits of the kept periods, in results that were asked for forces.
+    """The loads of contact over the latest whole orbits of the kept periods, in results of runs with `forces`.
 
     Of a row they are those of each interface.
     """

@@ -173,8 +173,8 @@ class Attractors(Result):
         of_row = {name: a for name in names if (a := getattr(self, name)) is not None}
         return json_values({**numbers, "attractors": rows, **self.source, **of_row})
 
-    def _picture_content(self) -> Self:
-        return self
+    def _drawn(self) -> tuple[str, object]:
+        return self.stored_as, self
 
     def __repr__(self) -> str:
         motions = ", ".join(
@@ -183,7 +183,7 @@ class Attractors(Result):
                 self.names, self.share, self.share_low, self.share_high, self.P_d, self.P_d_ci, strict=True
             )
         )
-        worst = "" if self.worst is None else f"; {self.worst_text}"
+        worst = "" if self.worst is None else f"; worst {self.worst_text}"
         return (
             f"{type(self).__name__} of {self.label.size} starts: {motions}; "
             f"{self.undecided:.3g} undecided or stopped{worst}; {self.method}, {self.steps_per_period} steps a period"

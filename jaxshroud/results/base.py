@@ -89,7 +89,7 @@ class Result:
             coords: Coordinates as xarray takes them.
             attrs: Attributes of the dataset, such as its origin.
             more: Further variables as xarray takes them, such as the numbers that differ between scenes.
-            layout: Of the scenes, which tells whether users see an axis of interfaces; None where they always do.
+            layout: Of the scenes, which decides whether users see an axis of interfaces; None where they always do.
         """
         import xarray as xr
 
@@ -192,26 +192,35 @@ class Result:
         return result
 
     @typed
-    def plot(self, ax: "Axes | None" = None, *, panel: str | None = None, **options: Any) -> "Figure":
+    def plot(
+        self,
+        ax: "Axes | None" = None,
+        *,
+        panel: str | None = None,
+        over: "Result | None" = None,
+        **options: Any,
+    ) -> "Figure":
         """The result as a page of panels, or one panel of it.
 
         Args:
             ax: Draw one panel there, by default the first.
             panel: Draw only this panel; the documentation of the class names them.
+            over: Another result, drawn behind this one in grey: one of the same kind, behind a branch a sweep too.
             options: `title`, `xlabel`, `unit` of displacements and of lengths that are varied ("mm", "um", "m" or
                 "gap", for x over the gap), `width` of the page [mm], matplotlib `style`, and further options of the
                 class.
 
         Raises:
-            ValueError: There is no such picture or panel, or an option of the whole figure is given with `ax`.
+            ValueError: There is no such picture or panel, an option of the whole figure is given with `ax`, or the
+                other result cannot be drawn behind this one.
         """
         from jaxshroud.plotting.pictures import picture
 
-        return picture(self.stored_as, self._picture_content(), ax, panel, **options)
+        return picture(*self._drawn(), ax, panel, over=None if over is None else over._drawn(), **options)
 
-    def _picture_content(self) -> object:
-        """The data from which the page of this kind of result is drawn."""
-        return self.data
+    def _drawn(self) -> tuple[str, object]:
+        """The kind of picture, and the data from which it is drawn."""
+        return self.stored_as, self.data
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}: {self.ended}; {self.method}, {self.steps_per_period} steps a period"

@@ -1,7 +1,7 @@
 """Branches of periodic orbits with their special points."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -14,17 +14,11 @@ from jaxshroud.results.amplitudes import WithAmplitudes, contact_values, stored_
 from jaxshroud.results.base import Result
 from jaxshroud.results.orbit import component_names
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.typed import typed
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from jaxshroud.model.prepared import State
     from jaxshroud.orbits.branch_continuation import ContinuedBranch
     from jaxshroud.orbits.travelling_wave import TravellingWave
-    from jaxshroud.plotting.style import AppearanceOptions
-    from jaxshroud.results.sweep import SweepResult
 
 BRANCH_NUMBERS = ("q", "P", "P_d", "P_d_vibration", "multipliers", "residual", "conditioning", "status")
 BRANCH_GAP = {"units": "m", "long_name": "initial gap"}
@@ -66,8 +60,11 @@ class Branch(WithAmplitudes, Result):
     in rings a localisation, where the shift of a travelling wave breaks: there a multiplier of the reduced map of the
     wave leaves the unit circle elsewhere than at 1.
 
-    In a row of blades what is told of contact ends with the interface, and P_d is that of all blades together.
-    Waves are told of rings alone.
+    In a row of blades what is known of contact ends with the interface, and P_d is that of all blades together.
+    Waves are described of rings alone.
+
+    Panels of its picture, with unstable orbits dashed and special points marked: "samples", x_1 at the strobe (of rows
+    "amplitude", that of every blade), "multiplier" and "P_d".
     """
 
     stored_as = "branch"
@@ -236,32 +233,6 @@ class Branch(WithAmplitudes, Result):
             return waves
         return waves | {"P_d of the worst blade": [float(self.P_d_worst.min()), float(self.P_d_worst.max())]}
 
-    @typed
-    def plot(
-        self,
-        ax: "Axes | None" = None,
-        *,
-        panel: str | None = None,
-        over: "SweepResult | None" = None,
-        **options: "Unpack[AppearanceOptions]",
-    ) -> "Figure":
-        """x_1 at the strobe and P_d against the number, with unstable orbits dashed and special points marked.
-
-        Of rows the amplitude of every blade, and P_d of the row and of its worst blade.
-
-        Args:
-            ax: Draw one panel there, by default the first.
-            panel: Draw only this panel: "samples" (of rows "amplitude"), "multiplier" or "P_d".
-            over: A sweep along the same number, which is drawn behind the branch.
-            options: The options of `Result.plot`.
-
-        Raises:
-            ValueError: There is no such panel, or the sweep is along another number.
-        """
-        from jaxshroud.plotting.pictures import picture
-
-        return picture(self.stored_as, self.data, ax, panel, over=None if over is None else over.data, **options)
-
     def __repr__(self) -> str:
         n = len(self.ends)
         kinds = [one.kind for one in self.special]
@@ -306,7 +277,7 @@ def _branch_row(number: int, i: int, branch: "ContinuedBranch", turns: int) -> d
 
 
 def _values_of_wave(wave: "TravellingWave | None", size: int) -> dict[str, Any]:
-    """What is told of the travelling wave of a ring's orbit with so many multipliers."""
+    """What is known of the travelling wave of a ring's orbit with so many multipliers."""
     multipliers = np.full(size, np.nan + 0j)
     if wave is None:
         return {"wave_parts": 0, "wave_residual": np.nan, "wave_multipliers": multipliers}

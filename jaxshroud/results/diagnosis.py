@@ -220,6 +220,7 @@ class Diagnosis(Trajectory):
         ax: "Axes | None" = None,
         *,
         panel: str | None = None,
+        over: Result | None = None,
         kind: str | None = None,
         settled_from: float = 0.5,
         **options: "Unpack[AppearanceOptions]",
@@ -229,15 +230,16 @@ class Diagnosis(Trajectory):
         Args:
             ax: Draw one panel of the run there.
             panel: Draw only this panel, of the page or of the run.
+            over: Another run, drawn behind a picture of the run in grey.
             kind: The kind of a picture of the run, which is drawn in place of the page.
             settled_from: The share of the run that a picture of the run leaves out as its transient.
             options: The options of `Result.plot`.
         """
         from jaxshroud.plotting.pictures import picture
 
-        if ax is None and kind is None:
+        if ax is None and kind is None and over is None:
             return picture("diagnosis", self, None, panel, **options)
-        return super().plot(ax, panel=panel, kind=kind, settled_from=settled_from, **options)
+        return super().plot(ax, panel=panel, over=over, kind=kind, settled_from=settled_from, **options)
 
     def __repr__(self) -> str:
         return f"Diagnosis: {self.evidence}"

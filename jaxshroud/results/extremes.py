@@ -29,7 +29,7 @@ Place = Mapping[str, float]  # of a lane in a sweep: key -> value [SI]
 
 
 class Swept(Protocol):
-    """What is read of a sweep here, beside the amplitudes and reductions that are asked for by name."""
+    """What is read of a sweep here, beside the amplitudes and reductions that are requested by name."""
 
     data: "xr.Dataset"
 

@@ -159,11 +159,11 @@ class Gradient(Result):
             }
         )
 
-    def _picture_content(self) -> dict[str, object]:
+    def _drawn(self) -> tuple[str, object]:
         number = {effect.key: effect.number for effect in self.effects}
         title = self.data.attrs.get("title", "")
         values = {"of": self.of, "value": self.value, "ci": self.ci, "number": number}
-        return {**values, "title": title, "blades": self._blades}
+        return self.stored_as, {**values, "title": title, "blades": self._blades}
 
     @property
     def _blades(self) -> tuple[str, ...]:

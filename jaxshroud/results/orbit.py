@@ -54,7 +54,7 @@ def component_names(layout: Layout = PAIR, points: int = 0) -> list[str]:
 class Orbit(WithAmplitudes, Result):
     """Periodic orbits, or for lanes without one the reason.
 
-    Arrays start with the axes of the scenes. In a row of blades what is told of contact ends with the interface, P_d is
+    Arrays start with the axes of the scenes. In a row what is known of contact ends with the interface, P_d is
     that of all blades together, and "not unique" is said where any slider stays wherever it starts. A single scene has
     no leading axes, and a plain number for every quantity that each orbit has one value of.
 
@@ -216,8 +216,8 @@ class Orbit(WithAmplitudes, Result):
     def wave_bifurcation(self) -> tuple[str, float]:
         """What the leading multiplier of the reduced map of a single ring approaches, and its distance from it.
 
-        At a "fold" the motion stays a travelling wave; elsewhere on the unit circle begins its "localisation", but for
-        -1 in a ring of an odd number of blades, a "flip".
+        At a "fold" the motion stays a travelling wave; elsewhere on the unit circle begins its "localisation", except
+        for -1 in a ring of an odd number of blades, a "flip".
         """
         from jaxshroud.orbits.travelling_wave import wave_bifurcation
 

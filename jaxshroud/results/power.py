@@ -183,7 +183,7 @@ class PowerResult(WithAmplitudes, WithLoads, WithEquivalent, Result):
         return json_values({**self.origin, **numbers, **{name: self._kept(one) for name, one in kinds.items()}})
 
     def _kept(self, kind: type) -> dict[str, Any]:
-        """The variables of a kind that the run was asked for."""
+        """The variables of a kind that were requested of the run."""
         values = {name: getattr(self, name) for name, one in vars(kind).items() if isinstance(one, Variable)}
         return {name: np.asarray(value).tolist() for name, value in values.items() if value is not None}
 
@@ -192,10 +192,10 @@ class PowerResult(WithAmplitudes, WithLoads, WithEquivalent, Result):
         if np.ndim(self.status):
             raise InputError(f"{what} of many: choose it by `lane`.")
 
-    def _picture_content(self) -> dict[str, object]:
+    def _drawn(self) -> tuple[str, object]:
         self._check_single("A picture shows one scene")
         curve = {"n": self.n, "P_d": self.P_d, "P_d_ci": self.P_d_ci}
-        return {"title": self.data.attrs.get("title", ""), **curve, "final": self.final}
+        return self.stored_as, {"title": self.data.attrs.get("title", ""), **curve, "final": self.final}
 
     def __repr__(self) -> str:
         final = self.final

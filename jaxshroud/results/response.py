@@ -1,7 +1,7 @@
 """The response of a scene over one of its numbers: sweeps both ways, branches of orbits, and peaks."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -29,15 +29,10 @@ from jaxshroud.results.extremes import (
 )
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.quantities import unit_of
-from jaxshroud.scene.typed import typed
 from jaxshroud.signals.period import SETTLED
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from jaxshroud.orbits.peaks import Peak
-    from jaxshroud.plotting.style import AppearanceOptions
 
 
 class Member(NamedTuple):
@@ -56,6 +51,9 @@ class Response(Result):
     Arrays of sweeps start with `member`, one for each value of the second number (one where there is none), followed by
     `direction` and the first number. The peaks of all members have the dimension `peak`. The amplitude of a row is that
     of the blade that swings most.
+
+    Panels of its picture: "amplitude" and "P_d", of preloaded blades that of the vibration alone; sweeps are points,
+    branches lines, the free response dotted, and broken waves of rings in another colour from a mark on.
     """
 
     stored_as = "response"
@@ -228,28 +226,6 @@ class Response(Result):
         numbers = {"along": self.along, "over": self.over, "of": self.of, "peaks": self.peaks, "without contact": free}
         others = {"largest and smallest": self.extremes, "jumps": self.jumps, "status": self.ended}
         return json_values({**numbers, **others, **self.source})
-
-    @typed
-    def plot(
-        self, ax: "Axes | None" = None, *, panel: str | None = None, **options: "Unpack[AppearanceOptions]"
-    ) -> "Figure":
-        """The amplitude over the number: sweeps as points, branches as lines, the free response dotted, and P_d.
-
-        P_d is that of the vibration alone where the blades are preloaded.
-
-        Broken waves of rings are in another colour, with a mark where they begin.
-
-        Args:
-            ax: Draw one panel there, by default the first.
-            panel: Draw only this panel: "amplitude" or "P_d".
-            options: The options of `Result.plot`.
-
-        Raises:
-            ValueError: There is no such panel.
-        """
-        from jaxshroud.plotting.pictures import picture
-
-        return picture("response", self.data, ax, panel, **options)
 
     def __repr__(self) -> str:
         tallest = max(self.peaks, key=lambda row: row["amplitude"], default=None)

@@ -154,7 +154,7 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
 
     @property
     def flat(self) -> str:
-        """What to say where P_d moves less than its intervals over the range asked for; else empty."""
+        """What to say where P_d moves less than its intervals over the range requested; else empty."""
         return flat_text(np.where(self.status == Status.OK, self.P_d, np.nan), self.P_d_ci)
 
     @property

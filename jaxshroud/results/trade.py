@@ -70,8 +70,8 @@ class Trade(Result):
         settings = [{**self[i]._asdict(), "front": i in self.front} for i in range(len(self))]
         return json_values({"settings": settings, "horizon": self.horizon, **self.origin})
 
-    def _picture_content(self) -> object:
-        return self.summary()
+    def _drawn(self) -> tuple[str, object]:
+        return self.stored_as, self.summary()
 
     def __repr__(self) -> str:
         front = ", ".join(f"{self[i].setting} ({self[i].state_error:.1e})" for i in self.front)

@@ -76,7 +76,7 @@ class RunEvents(Variable["Trajectory | None"]):
 class Trajectory(WithAmplitudes, Result):
     """The samples of one run or of many, the initial state first: after what happens there at once.
 
-    Arrays start with the axes of the scenes, and those of `motion` end with the blade. In a row of blades what is told
+    Arrays start with the axes of the scenes, and those of `motion` end with the blade. In a row of blades what is known
     of contact ends with the interface: interface j is between blades j and j + 1. A single scene has no leading axes,
     and a plain number for every quantity that each run has one value of. Amplitudes are those of the second half of
     the run.
@@ -162,9 +162,9 @@ class Trajectory(WithAmplitudes, Result):
     def wave_distance(self) -> np.ndarray:
         """The share of the motion that is no travelling wave of the drive, (...): 0 to rounding for such a wave.
 
-        It is told over the last whole orbit, without one over the second half of the run, and of x, y and theta for the
-        one for which it is the largest; `wave` tells which. NaN where the phases are those of no engine order, the run
-        has stopped or nothing moves.
+        It is measured over the last whole orbit, without one over the second half of the run, and of x, y and theta for
+        the one for which it is the largest; `wave` says which. NaN where the phases are those of no engine order, or
+        the run has stopped, or nothing moves.
         """
         if "status" in self.data.attrs:
             return np.asarray(self.wave.distance.share)
@@ -173,7 +173,7 @@ class Trajectory(WithAmplitudes, Result):
 
     @property
     def wave(self) -> RowWave:
-        """How far a single run is from a travelling wave of its drive; its `words` tell it.
+        """How far a single run is from a travelling wave of its drive; its `words` say it.
 
         Raises:
             ValueError: There are many runs.
@@ -193,7 +193,7 @@ class Trajectory(WithAmplitudes, Result):
 
     @property
     def _repeats(self) -> int:
-        """The drive periods after which the motion is known to repeat; 0 where the samples have to tell."""
+        """The drive periods after which the motion is known to repeat; 0 where the samples have to show it."""
         return 0
 
     @property
@@ -215,12 +215,16 @@ class Trajectory(WithAmplitudes, Result):
         run = super().lane(*at)
         return type(self)(run.data.assign_coords(time=("time", self.t[at])).drop_vars("t"))
 
+    def _drawn(self) -> tuple[str, object]:
+        return "trajectory", self.data
+
     @typed
     def plot(
         self,
         ax: "Axes | None" = None,
         *,
         panel: str | None = None,
+        over: "Result | None" = None,
         kind: str | None = None,
         settled_from: float = 0.5,
         **options: "Unpack[AppearanceOptions]",
@@ -234,6 +238,7 @@ class Trajectory(WithAmplitudes, Result):
             panel: Draw only this panel: "history", "phase", "poincare", "spectrum", "forces", "ribbon" (states and
                 cases over the period), "loop" (friction force over slide) or "path" (the point of contact on the face);
                 of rows "map", "amplitudes" or "diameters".
+            over: Another run, drawn behind this one in grey.
             kind: The whole figure: one of the panels, or a page of the first four ("motion"), of the contact ("forces")
                 or of all these ("all"); of a row "motion" has the last three.
             settled_from: The share of the run that all panels but the time history leave out as its transient.
@@ -243,9 +248,7 @@ class Trajectory(WithAmplitudes, Result):
             ValueError: There are many runs (`lane` gives one of them), there is no such panel, or too little is stored
                 for it.
         """
-        from jaxshroud.plotting.pictures import picture
-
-        return picture("trajectory", self.data, ax, panel, kind=kind, settled_from=settled_from, **options)
+        return super().plot(ax, panel=panel, over=over, kind=kind, settled_from=settled_from, **options)
 
     @typed
     def animate(

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from jaxshroud.plotting.style import AppearanceOptions
 
 PENALTY = 100.0  # percentage points for exceeding a limit by its own size
 PATHS = ("update", "start")
@@ -76,7 +75,7 @@ class HalfWidth(NamedTuple):
 class Tuned(Result):
     """A tuned design, its search, its checks and its robustness.
 
-    The panels of its picture are "designs" and "scores", and "robust" where robustness was asked for.
+    The panels of its picture are "designs" and "scores", and "robust" where robustness was requested.
     """
 
     stored_as = "tuned"
@@ -202,7 +201,7 @@ class Tuned(Result):
 
     @property
     def best_between(self) -> dict[str, tuple[float, float]]:
-        """Between which values the best one of the tuned number lies, as far as intervals tell; of several: empty.
+        """Between which values the best one of the tuned number lies, as far as intervals show; of several: empty.
 
         They are the nearest ones on either side that were looked at and are worse by more than both intervals, or
         the bounds.
@@ -257,7 +256,7 @@ class Tuned(Result):
 
     @property
     def robust(self) -> dict[str, object] | None:
-        """The robustness of the best design, as `tune.json` holds it; None if it was not asked for."""
+        """The robustness of the best design, as `tune.json` holds it; None if it was not requested."""
         if self.loss is None:
             return None
         names = ("loss", *(name for name in ROBUST if getattr(self, name) is not None))
@@ -322,7 +321,7 @@ class Tuned(Result):
         *,
         panel: str | None = None,
         drawn: Mapping[str, object] | None = None,
-        **options: "Unpack[AppearanceOptions]",
+        **options: Any,
     ) -> "Figure":
         """The paths of the search on the map of the objective, or key by key without a map, and their scores.
 
@@ -333,7 +332,7 @@ class Tuned(Result):
             options: The options of `Result.plot`.
 
         Raises:
-            ValueError: There is no such panel, or robustness was not asked for.
+            ValueError: There is no such panel, or robustness was not requested.
         """
         from jaxshroud.plotting.pictures import picture
 
@@ -355,7 +354,7 @@ class Tuned(Result):
 
     @property
     def _robust_in_words(self) -> str:
-        """The robustness as text; empty if it was not asked for."""
+        """The robustness as text; empty if it was not requested."""
         if self.loss is None:
             return ""
         ends = (f"{key} {interval.low:.4g} to {interval.high:.4g}" for key, interval in self.intervals.items())

@@ -32,7 +32,7 @@ class Blades(eqx.Module):
     `m_y` differs from `m` only where Eq. (21) is taken literally. The stiffnesses are those at rest; at the speed Omega
     of the rotor they are k_x + B_x m Omega^2, k_y + B_y m_y Omega^2 and k_T + B_T I Omega^2.
 
-    Blades of one's own are a class derived from this one, with fields of further numbers, of which `matrices` are made.
+    Blades of your own are a class derived from this one, with fields of further numbers, of which `matrices` are made.
     They march in rows; files cannot name them. Units of energy and numbers of steps are still those of the lumped ones.
     """
 

@@ -54,7 +54,7 @@ Tuple = TypeVar("Tuple", bound=type)
 
 
 def digits_apart(value: float, limit: float) -> str:
-    """A number in as many digits as tell it from a limit that it misses, six at least."""
+    """A number in as many digits as distinguish it from a limit that it misses, six at least."""
     texts = (f"{value:.{digits}g}" for digits in range(6, 18))
     return next((text for text in texts if text != f"{limit:g}"), f"{value:g}")
 

@@ -201,7 +201,7 @@ class Drive(eqx.Module):
     number of harmonics of the frequency omega, each with a direction and loads of its own; then `beta`, `F_0` and `M_0`
     are None.
 
-    A drive of one's own is a class derived from this one, with fields of further numbers, whose `harmonics` are these
+    A drive of your own is a class derived from this one, with fields of further numbers, whose `harmonics` are these
     fields. Everything else, from the march to the closed form without contact, follows from them. Files cannot name it.
     """
 
@@ -267,7 +267,7 @@ class Drive(eqx.Module):
 
     @property
     def _is_own(self) -> bool:
-        """Whether the harmonics are those of a class of one's own, all of whose numbers are fields."""
+        """Whether the harmonics are those of a class of your own, all of whose numbers are fields."""
         return type(self).harmonics is not Drive.harmonics
 
     def largest_load(self, name: str) -> Any:

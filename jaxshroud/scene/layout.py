@@ -71,10 +71,12 @@ def layout_with(row: Any) -> Layout:
 
 @lru_cache(maxsize=64)
 def row_layout(blades: int, closed: bool) -> Layout:
-    """The layout of a row, all of whose blades count; they are called by their numbers."""
+    """The layout of a row, all of whose blades count; names are those of keys, from 0, and x_1 is that of blade 0."""
     size = blades if closed else blades - 1
-    text, numbers = f"{'a ring' if closed else 'an open chain'} of {blades}", tuple(map(str, range(blades)))
-    return Layout(blades, closed, numbers, blades, numbers, (size,), text)
+    text = f"{'a ring' if closed else 'an open chain'} of {blades}"
+    names = tuple(map(str, range(blades)))
+    indices = tuple(map(str, range(1, blades + 1)))
+    return Layout(blades, closed, names, blades, indices, (size,), text)
 
 
 COORDINATES = ("x", "y", "theta")
@@ -167,7 +169,7 @@ class Capability(NamedTuple):
     reason: str  # a line without a full stop
 
     def refusal(self, name: str = "") -> str:
-        """The line with which the others are refused; `name` says in what words it was asked for."""
+        """The line with which the others are refused; `name` says in what words it was requested."""
         return f"{name or self.name} {REFUSALS[self.holder]}: {self.reason}."
 
 
@@ -244,10 +246,10 @@ def require_capability(name: str, layout: Layout, where: str = "", asked: str = 
     """Raise an InputError if scenes with a layout lack what is in `CAPABILITIES` under a name.
 
     Args:
-        name: What is asked for; what is not in the table, all scenes have.
+        name: What is requested; what is not in the table, all scenes have.
         layout: The layout of the scene.
         where: What the message begins with.
-        asked: The words in which it was asked for, by default the name.
+        asked: The words in which it was requested, by default the name.
     """
     capability = LIMITED.get(name)
     if capability is not None and capability.holder not in holders(layout):

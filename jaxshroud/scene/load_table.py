@@ -99,7 +99,7 @@ def fitted_table(path: Path, count: int) -> FittedTable:
 
 
 def _one_period(columns: dict[str, FloatArray]) -> dict[str, FloatArray]:
-    """The columns without a last row that closes the period: that tells the loads of the first one again."""
+    """The columns without a last row that closes the period: that repeats the loads of the first one."""
     first, last = ({name: values[i] for name, values in columns.items() if len(values)} for i in (0, -1))
     turn = last.pop("angle", 0.0) - first.pop("angle", 0.0)
     if abs(abs(turn) - 2 * np.pi) < SAME_ANGLE and last == first:

@@ -1,4 +1,4 @@
-"""A scene with other parts, or with a law of contact of one's own."""
+"""A scene with other parts, or with a law of contact of your own."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ def with_parts(scene: Scene, parts: Parts, width: ArrayLike | None = None) -> Sc
 
 @typed
 def with_contact_law(scene: Scene, law: SceneLaw) -> Scene:
-    """The `scene` with a law of contact of one's own in place of the contact spring and the friction element.
+    """The `scene` with a law of contact of your own in place of the contact spring and the friction element.
 
     Runge-Kutta methods march such scenes, with located events, and power series if the law is a `LinearLaw`. In Python
     such a scene is like any other; files cannot name a law.

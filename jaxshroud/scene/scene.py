@@ -1,11 +1,13 @@
 """The scene: blades, shroud, contact, friction, drive and the initial motion."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from importlib import import_module
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import ArrayLike
 
 from jaxshroud.cache.programs import is_traced
 from jaxshroud.scene.blades import Aero, BladeMatrices, Blades, Coupling
@@ -40,7 +42,7 @@ from jaxshroud.scene.layout import (
 )
 from jaxshroud.scene.points import ContactPoints
 from jaxshroud.scene.speed import ORDER, check_speed, untwisted_gap
-from jaxshroud.scene.typed import short_repr
+from jaxshroud.scene.typed import short_repr, typed
 from jaxshroud.scene.valid import KEYS_BY_TABLE, check_number, check_numbers, check_shape
 
 
@@ -211,6 +213,27 @@ class Scene(eqx.Module):
                 check_number(key_in(ALL_KEYS[key], self.layout), value, self.layout)
         self._check_speed()
 
+    @typed
+    def replace(self, values: Mapping[str, ArrayLike | Sequence[ArrayLike]]) -> "Scene":
+        """The scene with numbers replaced, and with them those that are worked out from them.
+
+        Args:
+            values: Key -> the new value in SI units; a scalar or, for a per-blade key, one value per blade. A key is
+                `table.name`, or `table.name[0]`, `table.name[1]` for one blade only, as `--set` takes it: a number of
+                the scene, or another way to give one, such as `drive.speed` for a scene with an engine order, or
+                `blades.f_x`. In a row any blade or interface may be named.
+
+        Returns:
+            A new scene, as if its file gave these values: `contact.k` drops `contact.gamma` and vice versa,
+            `blades.f_x` drops `blades.k_x`; and a scene that is given by frequencies keeps these where its masses
+            change.
+
+        Raises:
+            KeyNameError: There is no such number, two keys are one, or the scene has no engine order for a speed.
+            SceneError: A value is out of its range; traced values are not checked.
+        """
+        return import_module("jaxshroud.scene.vary").with_checked(self, values)  # which itself imports this module
+
     def _require_equilibrium(self) -> None:
         """Raise an InputError unless static equilibria of such a scene are known."""
         what = ""
@@ -299,7 +322,7 @@ class Scene(eqx.Module):
 
     @property
     def blade_matrices(self) -> BladeMatrices | None:
-        """The matrices of blades of one's own, with their mistuning; None: lumped blades."""
+        """The matrices of blades of your own, with their mistuning; None: lumped blades."""
         matrices = self.blades.matrices()
         if matrices is None or self.row is None:
             return matrices

@@ -32,7 +32,7 @@ def keys_in(document: Mapping[str, Any]) -> list[str]:
 
 
 def needed_order(numbers: Container[str], given: Mapping[str, Any]) -> dict[str, Any]:
-    """The engine order by which a scene with these numbers and inputs tells its speed, if anything depends on that."""
+    """The engine order by which a scene with these numbers and inputs gives its speed, if anything depends on that."""
     return {ORDER: given[ORDER]} if ORDER in given and depends_on_speed(numbers) else {}
 
 
@@ -133,6 +133,6 @@ def require_phases_of_order(name: str, others: Container[str], numbers: Containe
 
 
 def replaced_by(key: str, others: Iterable[str], numbers: Container[str]) -> list[str]:
-    """Those of the `others` that `key` replaces: not an engine order that tells the speed beside a frequency."""
+    """Those of the `others` that `key` replaces: not an engine order that gives the speed beside a frequency."""
     beside = {ORDER} if key != ORDER else {"drive.omega", "drive.f"}
     return [other for other in others if not (other in beside and depends_on_speed(numbers))]

@@ -25,7 +25,7 @@ def check_numbers(table: str, holder: object, without: Collection[str] = ()) -> 
     """Raise SceneError unless those attributes of `holder` that are numbers of a table are in their ranges.
 
     Numbers per blade must be of equally many blades; how many there are, only the scene knows. Keys in `without` are
-    not asked for.
+    not requested.
     """
     numbers = [(key, getattr(holder, name)) for name, key in KEYS_BY_TABLE[table] if key.name not in without]
     check_given([(key, value) for key, value in numbers if value is not None or key.name not in OPTIONAL_KEYS])

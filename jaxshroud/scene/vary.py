@@ -35,7 +35,7 @@ TABLE_NAMES = ("blades", "shroud", "contact", "friction", "coupling", "drive", "
 def fields_of(scene: Scene) -> dict[str, Any]:
     """All numbers of a scene, or of many (leading axes), by their keys: arrays of NumPy or JAX, in SI units.
 
-    Numbers of a drive of one's own that have no key are left out.
+    Numbers of a drive of your own that have no key are left out.
     """
     tables = {table: getattr(scene, table) for table in TABLE_NAMES if getattr(scene, table) is not None}
     fields = {table: part._asdict() if table == "initial" else vars(part) for table, part in tables.items()}
@@ -179,33 +179,26 @@ def _input_of(scene: Scene, name: str) -> Any:
     return derived.given_value(numbers_of(scene))
 
 
+def with_checked(scene: Scene, values: Mapping[str, ArrayLike | Sequence[ArrayLike]]) -> Scene:
+    """The scene with numbers replaced that are in their ranges: see `Scene.replace`."""
+    check_independent(list(values), scene.layout)
+    arrays = {}
+    for key, value in values.items():
+        named, index = find_key(key, layout=scene.layout)
+        number: Any = jnp.asarray(value, dtype=float) if isinstance(value, tuple | list) else value
+        check_number(named if index is None else named._replace(pair=False, per_interface=False), number, scene.layout)
+        lanes, own = np.shape(scene.drive.omega), np.shape(number)
+        shape = (*lanes, *number_shape(named, scene.layout)) if index is None else lanes
+        if np.broadcast_shapes(own, shape) != shape:
+            raise SceneError(f"{key} has the shape {shape}, but its value has {own}; see js.scenes_from")
+        arrays[key] = number
+    return replaced(scene, arrays)
+
+
 @typed
 def vary(scene: Scene, key: str, value: ArrayLike | Sequence[ArrayLike]) -> Scene:
-    """The `scene` with one number replaced, and with it those that are worked out from it.
-
-    Args:
-        scene: The scene to start from.
-        key: `table.name`, or `table.name[0]`, `table.name[1]` for one blade only: a number of the scene, or another way
-            to give one, such as `drive.speed` for a scene with an engine order, or `blades.f_x`. In a row any blade or
-            interface may be named.
-        value: The new value in SI units; a scalar or, for a per-blade key, one value per blade.
-
-    Returns:
-        A new scene, as if its file gave this value: `contact.k` drops `contact.gamma` and vice versa, `blades.f_x`
-        drops `blades.k_x`; and a scene that is given by frequencies keeps these where its masses change.
-
-    Raises:
-        KeyNameError: There is no such number, or the scene has no engine order for a speed.
-        SceneError: The value is out of its range; traced values are not checked.
-    """
-    named, index = find_key(key, layout=scene.layout)
-    number: Any = jnp.asarray(value, dtype=float) if isinstance(value, tuple | list) else value
-    check_number(named if index is None else named._replace(pair=False, per_interface=False), number, scene.layout)
-    lanes, own = np.shape(scene.drive.omega), np.shape(number)
-    shape = (*lanes, *number_shape(named, scene.layout)) if index is None else lanes
-    if np.broadcast_shapes(own, shape) != shape:
-        raise SceneError(f"{key} has the shape {shape}, but its value has {own}; see js.scenes_from")
-    return replaced(scene, {key: number})
+    """The `scene` with one number replaced: `scene.replace({key: value})`."""
+    return scene.replace({key: value})
 
 
 def with_numbers(scene: Scene, keys: Sequence[str]) -> Scene:

@@ -1,6 +1,6 @@
 """The amplitudes of motions, the loads of contact and the quantities of `Quantity` over the kept periods.
 
-Which reduction counts where none is asked for depends on whether blades are pressed or bent at rest.
+Which reduction counts where none is requested depends on whether blades are pressed or bent at rest.
 """
 
 import math
@@ -252,7 +252,7 @@ def _peak_half_width(name: str, samples: Sample, number: np.ndarray) -> np.ndarr
     """The half width within which the largest distance over as many other periods would be found, (lanes, blades).
 
     The largest of many values scatters as much as the largest of few of them: those of a few stretches of the kept
-    periods tell by how much. NaN below two orbits.
+    periods say by how much. NaN below two orbits.
     """
     i = DISPLACEMENTS.index(name)
     high, low = (np.moveaxis(np.asarray(part[i], float), 1, -1) for part in samples.extent)
@@ -324,7 +324,7 @@ def is_preloaded(scene: Scene) -> bool:
 
 
 def counted_reduction(scene: Scene) -> RequiredReduction:
-    """The reduction that counts where none is asked for: of a preloaded scene that of the vibration about its mean."""
+    """The reduction that counts where none is requested: of a preloaded scene that of the vibration about its mean."""
     return "P_d_vibration" if is_preloaded(scene) else "P_d"
 
 

@@ -83,7 +83,7 @@ def _fixed(number: float, power: int, decimals: int) -> str:
 
 
 def flat_text(values: np.ndarray, half_widths: np.ndarray) -> str:
-    """What to say of P_d that moves less than its intervals do over the range asked for; empty where it moves more.
+    """What to say of P_d that moves less than its intervals do over the range requested; empty where it moves more.
 
     Args:
         values: P_d at any number of places [percent]; those that are not finite do not count.

@@ -258,7 +258,7 @@ def free_displacements(blades: LinearBlades) -> Complex[np.ndarray, "2 2"]:
 def joined_displacements(blades: LinearBlades, stiffness: np.ndarray) -> Complex[np.ndarray, "2 2"]:
     """The complex amplitudes of x and y of both blades with springs (normal, tangent) between them.
 
-    An undefined spring, NaN, is left out; without any there is no motion to tell.
+    An undefined spring, NaN, is left out; without any there is no motion to describe.
     """
     known = np.isfinite(stiffness)
     if not known.any():

@@ -106,7 +106,7 @@ def label_lines(
         period_number: q where the motion is known to repeat after q periods: every multiple of f_e/q above
             the threshold is named. The spectrum should cover a multiple of q periods.
             0 (unknown or aperiodic): peaks that stand out from the bins around them are named, if they lie
-            within half a bin of a fraction that the resolution can tell from the next one:
+            within half a bin of a fraction that the resolution can separate from the next one:
             denominator^2 <= n periods; and below 9 periods harmonics only.
         max_denominator: The largest denominator for period number 0.
         threshold: Smallest amplitude of a named line, relative to the largest; the mean does not count.

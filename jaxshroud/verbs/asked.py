@@ -140,7 +140,7 @@ def choice_without_trial(accuracy: str | float, shown: bool, scene: Scene) -> Ch
 
     Args:
         accuracy: The accuracy.
-        shown: Whether it was asked for.
+        shown: Whether it was requested.
         scene: What it is for, of which `is_tried` is false.
     """
     level = accuracy_level(accuracy)
@@ -173,7 +173,7 @@ class MarchPlan(NamedTuple):
 
     @property
     def untried(self) -> "MarchPlan":
-        """The same for parts of a result, in which the accuracy is not told again."""
+        """The same for parts of a result, in which the accuracy is not given again."""
         return self._replace(choice=None) if self.tried else self
 
     @property
@@ -211,7 +211,7 @@ class Asked(NamedTuple):
 
     @property
     def given_steps(self) -> StepCount:
-        """The steps per period that were asked for; "auto" where none were."""
+        """The steps per period that were requested; "auto" where none were."""
         steps = self.steps if self.plan is None else self.plan.steps
         return "auto" if steps is None else steps
 

@@ -37,7 +37,7 @@ def lines_of_speeds(
     Args:
         arrays: The scene, its numbers as NumPy arrays.
         system: Its blades and their contact at its own speed.
-        modes: The modes that are told.
+        modes: The modes that are given.
         orders: The engine orders.
         ends: The ends of the range [rad/s].
 
@@ -68,7 +68,7 @@ def lines_of_speeds(
 
 
 def _place_among(mode: NaturalMode, every: Sequence[NaturalMode]) -> int:
-    """The place of a mode that is told among all of its contact, of which it may stand for several."""
+    """The place of a mode that is given among all of its contact, of which it may stand for several."""
     alike = [i for i, other in enumerate(every) if (other.motion, other.frequency) == (mode.motion, mode.frequency)]
     return next((i for i in alike if every[i].blades == mode.blades), alike[0])
 

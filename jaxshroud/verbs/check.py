@@ -52,8 +52,8 @@ def check(
 
     Args:
         scene: One scene, or a scene file.
-        engine_orders: Engine orders whose crossings with natural frequencies are told; by default the scene's own and
-            1 to 6. Where the scene tells only the frequency of its drive, its own is the first one, by default 1. Those
+        engine_orders: Engine orders whose crossings with natural frequencies are given; by default the scene's own and
+            1 to 6. Where the scene gives only the frequency of its drive, its own is the first one, by default 1. Those
             of all harmonics of the drive are among them.
         start: Where the range of speeds begins [rad/s].
         stop: Where it ends; by default beyond the scene's own speed and the lowest natural frequencies.
@@ -63,7 +63,7 @@ def check(
         natural frequencies are those at the scene's own speed; where they depend on it, `over_speed` has them over the
         range, of blades in contact up to the speed at which their faces are no longer pressed together at rest, and of
         blades apart beyond. Of a row of blades there is
-        a number for each blade and each interface; `gap` is the smallest, and what is told of the free faces is of the
+        a number for each blade and each interface; `gap` is the smallest, and what is given of the free faces is of the
         interface where they approach most. Its natural modes are those with all interfaces in one state of contact, of
         a ring by nodal diameters; in a tuned ring an engine order EO excites nodal diameter EO modulo N alone. Of a row
         in a flow, `flow_modes` are the damping ratios of free decays along x without contact.
@@ -262,7 +262,7 @@ def _checked_orders(given: Sequence[float | int] | None, own: float | None) -> l
 
 
 def _end_of_range(modes: Sequence[NaturalMode], omega: float, speed: float) -> float:
-    """The speed [rad/s] up to which crossings are told."""
+    """The speed [rad/s] up to which crossings are given."""
     lowest = {mode.contact: mode.frequency for mode in reversed(modes)}
     return speed * max(SPEED_RANGE, BEYOND_LOWEST * RAD_PER_CYCLE * max(lowest.values()) / omega)
 

@@ -116,7 +116,7 @@ def problem_of(
     Raises:
         KeyError: The scene has no such number.
         ValueError: Bounds are not in order, a key is both tuned and a condition, a number scatters out of its range, or
-            the sector of a ring is asked for and some designs have none.
+            the sector of a ring is requested and some designs have none.
     """
     check_bounds(over, scene)
     check_objective(of, scene)
@@ -165,7 +165,7 @@ def check_comparable(problem: Problem) -> None:
 
 
 def check_objective(of: Quantity, scene: Scene) -> None:
-    """Raise an InputError unless `of` is a quantity of the scene by which motions can be told to be better."""
+    """Raise an InputError unless `of` is a quantity of the scene by which motions can be found to be better."""
     check_quantity(of, scene.parts, scene.layout)
     amplitude = amplitude_of(of)
     if amplitude is not None and amplitude.measure == "mean":

@@ -214,7 +214,7 @@ def diagnose(
     whole interval of the exponent is positive and K exceeds a half; quasi-periodic where the exponent is 0 within a
     narrow interval and K is near 0.
 
-    Of a row of blades it tells whether the motion is a travelling wave, and the growth of a nearby run in place of
+    Of a row of blades it says whether the motion is a travelling wave, and the growth of a nearby run in place of
     exponents from tangents; there is no 0-1 test, and orbits are not closed by Newton's method.
 
     Args:

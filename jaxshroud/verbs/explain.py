@@ -61,8 +61,8 @@ def explain(scene: Scene | SceneFile, method: Method | None = None) -> Explanati
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
         >>> import jaxshroud as js
-        >>> told = js.explain(js.load("table1", ['parts.motion=["x"]', 'parts.friction="none"']))
-        >>> told.events
+        >>> model = js.explain(js.load("table1", ['parts.motion=["x"]', 'parts.friction="none"']))
+        >>> model.events
         ('contact',)
     """
     scene = one_scene("explain", scene)

@@ -101,7 +101,7 @@ def fit(
         >>> import jax; jax.config.update("jax_enable_x64", True)
         >>> import jaxshroud as js, numpy as np
         >>> scene = js.load("table1", ['parts.motion=["x"]', 'parts.contact="none"']).scene
-        >>> run = js.simulate(js.vary(scene, "blades.c_x", 5.0), n_periods=2, method=js.RungeKutta(steps=100))
+        >>> run = js.simulate(scene.replace({"blades.c_x": 5.0}), n_periods=2, method=js.RungeKutta(steps=100))
         >>> table = {"t [s]": run.t[::10], "x_left [m]": run.motion.x[::10, 0]}
         >>> found = js.fit(scene, table, {"blades.c_x": (1.0, 20.0)}, scan=4, starts=1, method=js.RungeKutta(steps=100))
         >>> round(found.value["blades.c_x"], 3)

@@ -188,7 +188,7 @@ def swept_responses(
     resume: bool = False,
     progress: Progress | None = None,
 ) -> tuple[RowResponses, str | None]:
-    """The response of rows with contact to patterns (n, N), by a sweep of all patterns, and what it tells of chatter.
+    """The response of rows with contact to patterns (n, N), by a sweep of all patterns, and what it shows of chatter.
 
     Args:
         row: The row.
@@ -235,7 +235,7 @@ def tuned_and_mistuned_responses(
     resume: bool = False,
     progress: Progress | None = None,
 ) -> tuple[RowResponses, str | None]:
-    """`swept_responses` to patterns (n, N) whose first is none: by the sector where that of the tuned row is asked for.
+    """`swept_responses` to patterns (n, N) whose first is none: by the sector where that of the tuned row is requested.
 
     The sector has a store of its own beside that of the patterns.
     """

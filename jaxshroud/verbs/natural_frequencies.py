@@ -27,7 +27,7 @@ SAME_ENTRY = 1e-12  # relative difference of the entries of matrices that count 
 
 
 class ModeWords(NamedTuple):
-    """How the modes of a layout are told."""
+    """How the modes of a layout are described."""
 
     blades: Callable[[FloatArray, FloatArray], str]
     """(shares of a mode's energy, displacements) -> what the blades do."""
@@ -62,7 +62,7 @@ def system_in_float64(system: LinearContact) -> LinearContact:
 
 
 def words_for(scene: Scene) -> ModeWords:
-    """How the modes of a scene are told."""
+    """How the modes of a scene are described."""
     return WORDS_OF_PAIRS if scene.row is None else _words_of_row(scene.row.closed)
 
 

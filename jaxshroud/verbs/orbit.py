@@ -109,7 +109,7 @@ def orbit(
 
 
 def _wave_values(cycles: Sequence[PeriodicOrbit]) -> dict[str, np.ndarray]:
-    """What an `Orbit` of a ring tells of travelling waves, (lanes, ...) each."""
+    """What an `Orbit` of a ring says of travelling waves, (lanes, ...) each."""
     waves = run_together([travelling_wave(cycle) for cycle in cycles])
     found = [wave if isinstance(wave, TravellingWave) else None for wave in waves]
     none = np.full(len(cycles[0].multipliers), np.nan + 0j)

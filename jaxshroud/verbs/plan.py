@@ -114,7 +114,7 @@ def choose_method(
 
 
 def _refuse_accuracy(asked: Asked, law: type[ContactLaw]) -> None:
-    """Raise InputError where an accuracy is asked for that cannot be had."""
+    """Raise InputError where an accuracy is requested that cannot be had."""
     if not law.is_examined and (asked.accuracy is not None or (asked.plan and asked.plan.choice)):
         raise InputError(
             f"An accuracy can be had for located contact, not for {law.called}; give js.RungeKutta(steps=...)."

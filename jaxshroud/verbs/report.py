@@ -1,4 +1,4 @@
-"""The report on a design: what is asked for, its runs, a verdict with its reasons, and one document of all."""
+"""The report on a design: what is required, its runs, a verdict with its reasons, and one document of all."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -330,7 +330,7 @@ def _motions_of(
 ) -> tuple[Attractors, SweepResult | Attractors | None]:
     """The coexisting motions of a scene, from so many random starts with that seed, and runs on them, if there are any.
 
-    The motions of a row are told by runs themselves.
+    The motions of a row are found by runs themselves.
     """
     starts, seed = counts
     if scene.layout != PAIR:

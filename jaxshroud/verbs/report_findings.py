@@ -53,11 +53,11 @@ class DesignFindings:
         return []
 
     def cells(self, of: RequiredReduction, condition: int) -> list[str]:
-        """What a table tells of a condition beside the reduction that is judged."""
+        """What a table says of a condition beside the reduction that is judged."""
         return []
 
     def motion_cells(self, motions: Attractors, motion: int) -> list[str]:
-        """What a table tells of a coexisting motion beside what it tells of all."""
+        """What a table says of a coexisting motion beside what it says of all."""
         return []
 
     def level_words(self, level: str) -> list[str]:
@@ -112,7 +112,7 @@ class RowFindings(DesignFindings):
         return [*of_all, "P_d of the worst blade [%]", "largest amplitude of x [mm]"]
 
     def cells(self, of: RequiredReduction, condition: int) -> list[str]:
-        """What a table tells of the row in a condition beside the reduction that is judged."""
+        """What a table says of the row in a condition beside the reduction that is judged."""
         of_all = [f"{self.runs.P_d[condition]:.5g}"] if of == "P_d_worst" else []
         return [*of_all, self.worst_blade(condition), self.largest_peak(condition)]
 

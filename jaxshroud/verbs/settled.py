@@ -147,7 +147,7 @@ def in_state(scene: Scene, state: LinearState | None) -> Scene: ...
 @overload
 def in_state(scene: Scene | SceneFile, state: LinearState | None) -> Scene | SceneFile: ...
 def in_state(scene: Scene | SceneFile, state: LinearState | None) -> Scene | SceneFile:
-    """The scene with contact that stays in a state; as it is where none is asked for.
+    """The scene with contact that stays in a state; as it is where none is requested.
 
     Raises:
         InputError: There is no such state, or contact of this kind has none.

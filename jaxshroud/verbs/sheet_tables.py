@@ -38,7 +38,7 @@ def rows_of(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
 
 
 def _free_blades(sheet: DataSheet, coordinate: Coordinate) -> list[tuple[int, str]]:
-    """The blades of which a coordinate is told, with their names."""
+    """The blades of which a coordinate is given, with their names."""
     if not sheet.gaps:
         return [(0, "left"), (1, "right")]
     numbers = (coordinate.frequency, coordinate.zeta, coordinate.static, coordinate.amplitude, coordinate.resonant)
@@ -210,7 +210,7 @@ def _length_text(length: float) -> str:
 
 
 def _texts_of(values: tuple[float, ...], scale: float = 1.0) -> str:
-    """The numbers of blades or interfaces: one if all are told alike, of many the ends of their range."""
+    """The numbers of blades or interfaces: one if all are given alike, of many the ends of their range."""
     texts = [f"{value * scale:.3g}" for value in values]
     if len(set(texts)) == 1:
         return texts[0]

@@ -69,7 +69,7 @@ def simulate(
         `contact_point` [m], which is NaN while the faces are apart (JAX's `debug_nans` takes that for an error). A
         model without contact has none of these, a model whose blocks do not turn has no `contact_point`, and without
         friction `F` is 0. Amplitudes are those of the second half of the run, from the cubics between its steps,
-        whichever of these are kept. What is told of contact in a row ends with the interface.
+        whichever of these are kept. What is known of contact in a row ends with the interface.
 
     Raises:
         ValueError: A count is not a positive integer, the samples would not fit into memory, or `events` is set for

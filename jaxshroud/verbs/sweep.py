@@ -81,7 +81,7 @@ def sweep(
             the first key each value starts from the final state of its neighbour, including slider and mode. "both":
             these two and "independent", in a leading dimension `direction`; over one key the result shows where the
             motion jumps (`jump`; every large step is halved up to five times for this, in stores and of interrupted
-            runs it is told as `steep`) and where the directions reach different motions (`coexisting`).
+            runs it is given as `steep`) and where the directions reach different motions (`coexisting`).
         phase: Drive phase omega t at which samples are taken, 0 <= phase < 2 pi [rad].
         period_tol: Tolerance of the period number, see `periodicity`.
         ledger: Keep the energy balance of every lane.
@@ -91,7 +91,7 @@ def sweep(
             them. Forces are taken on both sides of every event, and inside each step from cubics through the values and
             rates at its ends, so that the part of a maximum that is missed falls as the fourth power of the step; the
             friction of smooth contact is taken at the ends of steps only. With them come the loads that wear the faces
-            (slip, normal load, impacts). Of rows of blades all of these are told for each interface.
+            (slip, normal load, impacts). Of rows of blades all of these are given for each interface.
         amplitudes: Keep the mean of x, y and theta of both blades, their root mean square about it with the half width
             of its 95 % interval (`x_rms_ci`, ...), and their amplitude (largest distance from the mean; of an aperiodic
             motion the largest of the kept periods), at a third more time.

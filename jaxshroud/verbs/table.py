@@ -133,7 +133,7 @@ def checked_designs(
 
     Raises:
         SceneError: See `read_designs`; or no row is right.
-        InputError: The sector of a ring is asked for, and designs have none.
+        InputError: The sector of a ring is requested, and designs have none.
     """
     designs = read_designs(table, base, faults, decimal_comma)
     appended = {name for name, variable in DesignTable.variables.items() if not isinstance(variable, Attribute)}

@@ -204,7 +204,7 @@ def missed_lanes(
 
     Their starts are moved, and what that makes of itself counts `ROUNDINGS` times for accuracies near rounding: all
     methods know whether blades turn against each other up to the rounding of their angles, and nearly parallel faces
-    ask that some thousand times. A fifth, finer march with twice the steps tells what flat contact drops.
+    ask that some thousand times. A fifth, finer march with twice the steps shows what flat contact drops.
     """
     assert choice.steps is not None  # it was tried
     weight = ROUNDINGS if choice.accuracy < ROUNDED_BELOW else 1.0

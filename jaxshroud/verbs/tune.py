@@ -1,7 +1,7 @@
 """Design: the numbers of a scene that reduce the vibration most, over a range of operating conditions.
 
 A coarse scan chooses starts; from each of them Adam ascends in variables scaled to the unit cube, see `ascent_paths`.
-One number is then looked for between the best value and its neighbours, as far as intervals tell values apart.
+One number is then looked for between the best value and its neighbours, as far as intervals separate values.
 """
 
 import json

@@ -393,13 +393,15 @@ def test_no_stiffness_means_no_reduction(table1):
     assert np.all(np.abs(got.P_d) <= [1e-5, 1e-4, 1e-2])
 
 
+@pytest.mark.published
 @pytest.mark.full
-def test_the_labelled_points_of_fig_10_are_not_reproduced(table1):
+def test_the_labelled_points_of_fig_10_are_not_reproduced(table1, published):
     # The article prints periods 1, 2, 3 and chaos; see README.
     got = sweep(
         table1, {"contact.gamma": [0.3, 2.5, 4.2, 7.5]}, n_periods=64, transient=300, method=RungeKutta(steps=400)
     )
     assert got.period_number.tolist() == [1, 1, 2, 1]
+    published("Fig. 10", got.period_number)
     assert np.all(got.P_d < 0)
 
 

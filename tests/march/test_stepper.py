@@ -11,9 +11,9 @@ from jaxshroud.batch.xla import vmapped
 from jaxshroud.march.carry import Fixed, time_grid
 from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.stepper import begin_lane, stepper_for
-from jaxshroud.model.row import alone
 from jaxshroud.march.tableau import TaylorOptions
 from jaxshroud.model.prepared import initial_state, prepared_model
+from jaxshroud.model.row import alone
 
 METHODS = {"rk4": FAST, "power series": Choices(TaylorOptions(4, 1e-4), "series", False)}
 STEPS, TRIALS, GAPS = 40, 60, np.array([1e-5, 3e-5])

@@ -65,12 +65,14 @@ def test_one_harmonic_is_the_closed_form():
     assert -found.fun == pytest.approx(FORMULA, rel=5e-5)
 
 
+@pytest.mark.published
 @pytest.mark.full
-def test_griffins_oscillator_is_lower_than_its_one_harmonic_says(griffin):
+def test_griffins_oscillator_is_lower_than_its_one_harmonic_says(griffin, published):
     # Known to four decimals. Half of the whole width: the turned face moves its middle by 1e-4.
     heights = np.ptp(resample(griffin, FINELY, axis=-1), axis=-1) / 2
     assert heights[1] == max(heights)
     assert heights[1] == pytest.approx(4.5420, abs=6e-5)
+    published("Griffin's oscillator", heights[1:2])
     first = 2 / STEPS * np.abs(np.fft.rfft(griffin[1])[1])
     assert first == pytest.approx(4.5099, abs=6e-5)
     assert 1.025 * heights[1] < FORMULA  # control: one harmonic is 2.6 % off
@@ -87,6 +89,12 @@ def test_four_published_peaks(peaks, lane):
     constant = js.vary(resonant(force), "drive.beta", np.pi / 2)  # nothing moves in x, so that N does not vary
     steady = largest(balanced(oscillator(js.vary(constant, "drive.F_0", force)), 8).q[1])
     assert abs(steady / published - 1) > 1e-3  # control: the normal force that varies counts
+
+
+@pytest.mark.published
+@pytest.mark.full
+def test_all_published_peaks(peaks, published):
+    published("2dof_eldry_fric", largest(peaks[:, 1]))
 
 
 GAPS = {"never apart": {}, "apart for half of the time": {"shroud.gap": 0.0, "drive.beta": 0.5}}

@@ -8,9 +8,10 @@ import pytest
 import xarray as xr
 
 import jaxshroud as js
-from jaxshroud.plotting.pictures import picture
+from jaxshroud.cli.commands import main
+from jaxshroud.plotting.pictures import BEHIND, picture
 from jaxshroud.plotting.plot_sweep import MOTION_COLOURS, NOT_OVER
-from jaxshroud.plotting.style import STYLE, save_figure
+from jaxshroud.plotting.style import GREY, STYLE, save_figure
 
 pytestmark = pytest.mark.full
 
@@ -437,7 +438,7 @@ def test_amplitudes_are_drawn_along_any_key(key, tmp_path):
     short = {"n_periods": 2, "transient": 1, "method": js.RungeKutta(steps=100)}
     swept = js.sweep(table1, {key: values.get(key, [0.1, 0.2])}, amplitudes=True, **short)
     swept.save(tmp_path / "sweep.nc")
-    figure = picture("amplitude", js.open(tmp_path / "sweep.nc").data)
+    figure = js.open(tmp_path / "sweep.nc").plot(kind="amplitude")
     drawn = figure.axes[0].lines[0].get_ydata()
     assert drawn.shape == (2,)
     assert np.all(drawn > 0)
@@ -454,10 +455,11 @@ def test_the_largest_amplitude_without_contact_has_an_arrow_and_a_number_where_i
         "x_free": (blades, np.stack([free] * 2, axis=-1)),
         **{f"{name}_peak": (blades, np.zeros((5, 2))) for name in ("y", "theta")},
         "status": ("drive_omega", np.zeros(5, np.int8), STATUSES),
+        "settling": ("drive_omega", np.zeros(5)),
     }
     coords = {"drive_omega": ("drive_omega", values, {"key": "drive.omega", "units": "rad s-1"})}
     ds = xr.Dataset(data, coords, {"axes": "drive_omega", "scene": js.load("table1").text(), "title": "a pair"})
-    (panel,) = picture("amplitude", ds).axes
+    (panel,) = picture("sweep", ds, kind="amplitude").axes
     arrows = [text for text in panel.texts if text.arrow_patch is not None]
     words = [text.get_text() for text in panel.texts if text.get_text()]
     assert len(arrows) == len(words) == marked
@@ -467,3 +469,22 @@ def test_the_largest_amplitude_without_contact_has_an_arrow_and_a_number_where_i
         assert words == ["300 mm\nat 1150 rad/s" if np.isfinite(times) else "without bound\nat 1000 rad/s"]
         assert arrows[0].xy == (1150.0 if np.isfinite(times) else 1000.0, 1.0)
         assert with_contact.max() * 1e3 < 0.9 * panel.get_ylim()[1]  # room for the number above what is drawn
+
+
+def test_a_second_curve_is_behind_in_grey(tmp_path):
+    first, second = (
+        js.power(js.load("table1").scene, n_periods=n, transient=4, method=js.RungeKutta(steps=50)) for n in (16, 24)
+    )
+    figure = first.plot(over=second, title="both")
+    grey = [line for line in figure.axes[0].lines if line.get_color() == GREY and line.get_zorder() == BEHIND]
+    assert max(np.max(line.get_xdata()) for line in grey) == 24  # beyond the first one's 16
+    assert figure.axes[0].get_xlim()[1] >= 24
+    with pytest.raises(ValueError, match="two results of one kind"):
+        first.plot(over=js.check(js.load("table1")).campbell)
+
+
+@pytest.mark.parametrize("dpi", [100, 300])
+def test_a_command_takes_the_dots_per_inch(tmp_path, dpi):
+    assert main(["check", "table1", "--out", str(tmp_path / "sheet"), "--dpi", str(dpi)]) == 0
+    header = (tmp_path / "sheet" / "check.png").read_bytes()[16:24]
+    assert int.from_bytes(header[:4]) == int(88 / 25.4 * dpi)

@@ -9,8 +9,7 @@ from test_plot import drawn, texts
 from test_row_animation import stored
 
 import jaxshroud as js
-from jaxshroud.cli.stored_results import draw_dataset
-from jaxshroud.cli.terminal import CommandError
+from jaxshroud.cli.commands import main
 from jaxshroud.plotting.pictures import picture
 from jaxshroud.plotting.style import BLUE, ORANGE
 
@@ -91,12 +90,13 @@ def test_what_has_nothing_to_show_says_so(ds, told):
     assert told in texts(drawn(picture(ds.attrs["kind"], ds))).replace("\n", " ")
 
 
-def test_a_run_of_a_row_has_its_motion_and_no_other_kind(tmp_path):
+def test_a_run_of_a_row_has_its_motion_and_no_other_kind(tmp_path, capsys):
     ds, place = stored(closed=True, x=1e-3), tmp_path / "run.png"
     extent = {f"x_{of}": ("blade", np.full(4, 1e-3)) for of in ("peak", "free")}
     ds = ds.assign(extent).assign_coords(blade=np.arange(4))
-    draw_dataset(tmp_path / "run.nc", ds, place, "motion")
+    ds.to_netcdf(tmp_path / "run.nc", engine="h5netcdf")
+    assert main(["plot", str(tmp_path / "run.nc"), "--kind", "motion", "--out", str(place)]) == 0
     assert place.stat().st_size > 10_000
-    with pytest.raises(CommandError, match=r"run\.nc: Argument `kind` cannot be 'forces'"):
-        draw_dataset(tmp_path / "run.nc", ds, place, "forces")
+    assert main(["plot", str(tmp_path / "run.nc"), "--kind", "forces"]) == 2
+    assert "run.nc: Argument `kind` cannot be 'forces'" in capsys.readouterr().err
     assert isinstance(js.Trajectory(ds).plot(kind="motion").axes, list)

@@ -307,3 +307,11 @@ def test_phases_of_ones_own_leave_the_frequency_of_a_speed():
 def test_a_number_of_one_blade_that_a_scene_lacks_is_refused(key):
     with pytest.raises(js.SceneError, match=r"--set: the scene has no"):
         file_of("ring at a speed", f"{key}=0.01")
+
+
+def test_replace_has_several_numbers_as_overrides_have_them():
+    new = js.load("table1").scene.replace({"shroud.gap": 3e-5, "contact.k": 2e6, "blades.c_x[1]": 7.0})
+    file = js.load("table1", ["shroud.gap=3e-5", "contact.k=2e6", "blades.c_x[1]=7"])
+    assert all(np.array_equal(a, b) for a, b in zip(jax.tree.leaves(new), jax.tree.leaves(file.scene), strict=True))
+    with pytest.raises(js.KeyNameError):
+        new.replace({"contact.k": 2e6, "contact.gamma": 2.0})

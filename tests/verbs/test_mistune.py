@@ -155,12 +155,14 @@ def test_slopes_of_a_linear_ring_are_its_differences():
         )
 
 
-def test_a_gradient_comes_near_whiteheads_bound_in_its_own_case():
+@pytest.mark.published
+def test_a_gradient_comes_near_whiteheads_bound_in_its_own_case(published):
     zeta, k, m = 1e-4, 1e5, 0.08
     ring = js.load("row_ring12", [*ONE_MODE, f"blades.c_x={2 * zeta * np.sqrt(k * m)}"]).scene
     omega = np.linspace(1100.0, 1170.0, 600)
     found = js.mistune(ring, {"drive.omega": omega}, linear="stuck", sigmas=[0.02], n_patterns=2, starts=4, updates=40)
     assert 2.0 <= found.search_amplification[-1] <= found.whitehead * (1 + 1e-6)
+    published("Whitehead's bound", [found.search_amplification[-1]])
     assert found.search_amplification[-1] > found.random_amplification[-1]
     assert np.sqrt(np.mean(found.searched_mistuning**2)) <= 0.02 * (1 + 1e-12)
 
