@@ -99,85 +99,15 @@ def value_in(log: Log, name: str) -> Any:
     return log.own[name] if name in log.own else getattr(log, name)
 
 
-def new_accumulator(state: State, model: Model, method: Choices) -> Accumulator:
-    """The accumulator of a lane that starts from `state`."""
-    zero = jnp.zeros_like(state.motion.x[0])
-    _, none = zeros_for(lambda: rhs(drive_waves(zero, zero, model.drive), state, model, method.recorded))
-    jumps = EnergyJumps(zero, zero if touches_at_corners(model) else ZERO) if method.ledger else None
-    margins = no_margins(zero) if method.margins else None
-    return Accumulator(none, jumps, None if method.derivative else _new_log(state, zero, model, method), margins)
-
-
-def _new_log(state: State, zero: Scalar, model: Model, method: Choices) -> Log:
-    contact = Beginning(None, zero, place_contact(state.motion, state, model)[2].v, model)
-    blades = Beginning(state.motion, zero, zero, None)
-
-    def start(one):
-        return one.start(contact) if one.per == "interface" else of_blades(one, one.start, blades)
-
-    return log_of({one.name: start(one) for one in observables_of(method)})
-
-
-def updated_accumulator(accumulator: Accumulator, trial: AcceptedTrial, model: Model, method: Choices) -> Accumulator:
-    """The accumulator after a trial; margins are kept."""
-    accumulator = accumulator.plus(trial.gain, trial.jumps)
-    if accumulator.log is None:
-        return accumulator
-    return accumulator._replace(log=_updated_log(accumulator.log, trial, model, method))
-
-
-def _updated_log(log: Log, trial: AcceptedTrial, model: Model, method: Choices) -> Log:
-    start, end, h, loads = trial.start, trial.end, trial.h, trial.gain.loads
-    mode, by_series, observables = interface_mode(trial.mode), trial.by_series, observables_of(method)
-    contact = InterfaceTrial(h, mode, trial.v, mode == Mode.APART, start, end, trial.lift, loads, model)
-    blades = BladeTrial(start.motion, end, trial.after, h, trial.step, trial.next_step)
-
-    def updated(one: Observable, by_series: Any) -> Any:
-        before = value_in(log, one.name)
-        if one.takes == "event":
-            return before if trial.events is None else one.update(before, trial.events)
-        if one.per == "interface":
-            return one.update(before, contact._replace(by_series=by_series))
-        return of_blades(one, one.update, before, blades._replace(by_series=by_series))
-
-    found = [None] * len(observables) if by_series is None else by_series
-    return log_of({one.name: updated(one, value) for one, value in zip(observables, found, strict=True)})
-
-
-def log_of_new_period(log: Log, z: Motion, method: Choices) -> Log:
-    """The log with what is told of each period reset, at the motion `z`."""
-
-    def reset(one: Observable) -> Any:
-        before = value_in(log, one.name)
-        return one.reset(before, z) if one.per == "interface" else of_blades(one, one.reset, before, z)
-
-    return log_of({one.name: reset(one) for one in observables_of(method)})
-
-
-def found_by_series(contact: ContactSeries, blades: MotionSeries, method: Choices) -> tuple[Any, ...]:
-    """What each observable reads off the polynomials of a trial."""
+def found_by_series(contact: ContactSeries, blades: Sequence[MotionSeries], method: Choices) -> dict[str, Any]:
+    """What each observable reads off the polynomials of a trial, at the interface or of each blade, by their names."""
 
     def found(one: Observable) -> Any:
-        if one.of_series is None:
-            return None
-        return one.of_series(contact) if one.per == "interface" else of_blades(one, one.of_series, blades)
+        read = one.of_series
+        assert read is not None
+        return at_interface(read(contact)) if one.per == "interface" else unrolled([read(blade) for blade in blades])
 
-    return tuple(map(found, observables_of(method)))
-
-
-def of_blades(one: Observable, f: Callable[..., Any], *trees: Any) -> Any:
-    """`f` of each blade that an observable is of, from trees of pairs; the results are pairs again."""
-    if one.per == "left blade":
-        return f(*(_of_side(0, tree) for tree in trees))
-    if one.takes == "all":
-        return f(*trees)
-    left, right = (f(*(_of_side(i, tree) for tree in trees)) for i in (0, 1))
-    return jax.tree.map(lambda a, b: (a, b), left, right, is_leaf=is_zero)
-
-
-def _of_side(i: int, tree: Any) -> Any:
-    """A tree with the numbers of one blade in place of pairs."""
-    return jax.tree.map(lambda a: a[i] if is_of_blades(a) else a, tree, is_leaf=is_of_blades)
+    return {one.name: found(one) for one in observables_of(method) if one.of_series is not None}
 
 
 def penetrations(state: State, model: RowModel, each: Each) -> OfInterfaces:
