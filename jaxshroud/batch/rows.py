@@ -75,7 +75,11 @@ def _begin_rows(scenes: Scene, states: State, method: Choices, each: EachLane) -
 
 def rows_at_start(states: State, model: RowModel, method: Choices, each: EachLane) -> Lane:
     """The rows, lanes last, at their start from `states`, lanes first."""
-    return begin_row(carried_row(lanes_last(states), model), model, method, each)
+    if model.is_pair:
+        carried = state_of_row(jax.vmap(carried_state)(states, model.pair))
+    else:
+        carried = carried_row(lanes_last(states), model)
+    return stepper_for(method).begin(carried, model, method, each)
 
 
 def carried_row(state: State, model: RowModel) -> State:
@@ -97,7 +101,9 @@ def carried_row(state: State, model: RowModel) -> State:
 
 def march_rows(lanes: Lane, fixed: Fixed, method: Choices, each: EachLane, passes: Int[Array, ""] | None = None) -> Any:
     """Run every row to the start of step `stop`, or until its status is not OK; `passes` as in `periods.march`."""
-    return repeated_trials(lambda lanes: row_trial(lanes, fixed, method, each), lanes, fixed.stop, True, passes=passes)
+    trial = stepper_for(method).trial
+    once = jax.jit(lambda lanes: trial(lanes, fixed, method, each))  # traced once
+    return repeated_trials(once, lanes, fixed.stop, not fixed.model.is_pair or has_several_kernels(method), passes)
 
 
 def energies_in_rows(state: State, model: RowModel, each: EachLane) -> Float[Array, " lanes"]:

@@ -3,14 +3,14 @@
 What is logged, and how, stands in `logged`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.march.accumulator import Accumulator, EnergyJumps, Log, no_margins
+from jaxshroud.march.accumulator import Accumulator, EnergyJumps, Log
 from jaxshroud.march.carry import Lane, PerLane
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.extremes import ContactSeries, MotionSeries
@@ -18,22 +18,21 @@ from jaxshroud.march.locate import select
 from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Beginning, BladeTrial, InterfaceTrial, Lift, Observable, Per
-from jaxshroud.model.arithmetic import (
-    ZERO,
-    Scalar,
-    both_sides,
-    is_of_blades,
-    is_unrolled,
-    is_zero,
-    where,
-    zeros_for,
-)
-from jaxshroud.model.drive import drive_waves
+from jaxshroud.model.arithmetic import Scalar, both_sides, is_unrolled, where
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.points_contact import interface_mode
-from jaxshroud.model.prepared import Model, State, touches_at_corners
-from jaxshroud.model.rhs import Integrals, rhs
-from jaxshroud.model.row import Each, OfInterfaces, RowModel, _at, over, pair_states
+from jaxshroud.model.prepared import Model, State
+from jaxshroud.model.rhs import Integrals
+from jaxshroud.model.row import (
+    Each,
+    OfInterfaces,
+    RowModel,
+    alone,
+    at_interface,
+    of_left_blade,
+    over,
+    pair_states,
+    unrolled_places,
+)
 from jaxshroud.scene.keys import Motion
 
 
@@ -52,7 +51,7 @@ class AcceptedTrial(NamedTuple):
     step: Int[Array, "..."]  # in which it was made
     next_step: Int[Array, "..."]  # in which the next one is made
     events: Any = None  # of a pair the `Ending`, None without events; of a row the values that observables give to it
-    by_series: tuple[Any, ...] | None = None  # see `Observable.of_series`, of each; None for Runge-Kutta methods
+    by_series: dict[str, Any] | None = None  # see `Observable.of_series`, by names; None for Runge-Kutta methods
 
 
 def mode_of_smooth_contact(v: PerLane) -> Int[Array, "..."]:
@@ -105,7 +104,11 @@ def found_by_series(contact: ContactSeries, blades: Sequence[MotionSeries], meth
     def found(one: Observable) -> Any:
         read = one.of_series
         assert read is not None
-        return at_interface(read(contact)) if one.per == "interface" else unrolled([read(blade) for blade in blades])
+        return (
+            at_interface(read(contact))
+            if one.per == "interface"
+            else unrolled_places([read(blade) for blade in blades])
+        )
 
     return {one.name: found(one) for one in observables_of(method) if one.of_series is not None}
 
@@ -129,6 +132,8 @@ def new_row_log(state: State, at: OfInterfaces, model: RowModel, method: Choices
     def start(one):
         if not is_unrolled(at):
             return one.start(contact if one.per == "interface" else blades)
+        if one.per == "left blade":
+            return over(each, one.start, of_left_blade(blades))
         return over(each, one.start, contact if one.per == "interface" else blades)
 
     return log_of({one.name: start(one) for one in observables_of(method)})
@@ -145,32 +150,32 @@ def updated_row_accumulator(
 
 
 def _updated_row_log(log: Log, trial: AcceptedTrial, model: RowModel, method: Choices, each: Each) -> Log:
-    shroud = model.blades.shroud
-    end = shroud(trial.end)
+    shroud, observables = model.blades.shroud, observables_of(method)
+    start, end, after = shroud(trial.start.motion), shroud(trial.end), shroud(trial.after)
     contact = InterfaceTrial(trial.h, trial.mode, trial.v, trial.mode == Mode.APART)
-    blades = BladeTrial(shroud(trial.start.motion), end, shroud(trial.after), trial.h, trial.step, trial.next_step)
-    at_once = {
-        one.name: one.update(value_in(log, one.name), contact if one.per == "interface" else blades)
-        for one in observables_of(method)
-        if one.takes == "all" and not is_unrolled(end.x)
+    blades = BladeTrial(start, end, after, trial.h, trial.step, trial.next_step)
+    together = [one for one in observables if one.takes == "all" and not is_unrolled(end.x)]
+    values = {
+        one.name: one.update(value_in(log, one.name), contact if one.per == "interface" else blades) for one in together
     }
-    if is_unrolled(end.x):
-        alone = [one for one in observables_of(method) if one.takes == "all"]
-        at_once = _updated_each(log, contact, [one for one in alone if one.per == "interface"], each)
-        left = [one for one in alone if model.is_pair and one.per == "left blade"]
-        at_once |= {one.name: one.update(value_in(log, one.name), _at(0, blades)) for one in left}
-        at_once |= _updated_each(
-            log, blades, [one for one in alone if one.per != "interface" and one not in left], each
+    others = [one for one in observables if one.takes != "event" and one not in together]
+    at_interfaces = [one for one in others if one.per == "interface"]
+    if at_interfaces:
+        contact = contact._replace(
+            start=pair_states(trial.start, model),
+            end=both_sides(end, model.closed),
+            lift=trial.lift,
+            loads=trial.gain.loads,
+            model=model.interfaces,
         )
-    values = at_once | trial.events
-    if takers_of_one("interface", method):
-        start, end = pair_states(trial.start, model), both_sides(end, model.closed)
-        loads = trial.gain.loads
-        contact = contact._replace(start=start, end=end, lift=trial.lift, loads=loads, model=model.interfaces)
-        values |= _updated_each(log, contact, takers_of_one("interface", method), each)
-    if takers_of_one("blade", method):
-        values |= _updated_each(log, blades, takers_of_one("blade", method), each)
-    return log_of(values)
+        values |= _updated_each(log, contact, at_interfaces, trial.by_series, each)
+    counted = [one for one in others if one.per == "left blade" and model.is_pair]
+    if counted:
+        values |= _updated_each(log, of_left_blade(blades), counted, trial.by_series, each)
+    of_blades = [one for one in others if one not in (*at_interfaces, *counted)]
+    if of_blades:
+        values |= _updated_each(log, blades, of_blades, trial.by_series, each)
+    return log_of(values | trial.events)
 
 
 def takers_of_one(per: Per, method: Choices) -> list[Observable]:
@@ -183,19 +188,25 @@ def takers_of_events(method: Choices) -> list[Observable]:
     return [one for one in observables_of(method) if one.takes == "event"]
 
 
-def _updated_each(log: Log, trial: Any, observables: list[Observable], each: Each) -> dict[str, Any]:
+def _updated_each(log: Log, trial: Any, observables: list[Observable], by_series: Any, each: Each) -> dict[str, Any]:
     """The values of observables after a trial of each interface, or of each blade, in one kernel."""
+    names = [one.name for one in observables]
+    read = {name: by_series[name] for name in names if name in (by_series or {})}
 
-    def updated(values: dict[str, Any], trial: Any) -> dict[str, Any]:
-        return {one.name: one.update(values[one.name], trial) for one in observables}
+    def updated(values: dict[str, Any], read: dict[str, Any], trial: Any) -> dict[str, Any]:
+        return {
+            one.name: one.update(values[one.name], trial._replace(by_series=read.get(one.name))) for one in observables
+        }
 
-    return over(each, updated, {one.name: value_in(log, one.name) for one in observables}, trial)
+    return over(each, updated, {name: value_in(log, name) for name in names}, read, trial)
 
 
 def _reset_in_row(one: Observable, before: Any, z: Motion) -> Any:
     if not is_unrolled(z.x):
         return one.reset(before, z)
-    return over(lambda f, *a: f(*a), one.reset, before, both_sides(z, False) if one.per == "interface" else z)
+    if one.per == "interface":
+        z = both_sides(z, False)
+    return over(alone, one.reset, before, of_left_blade(z) if one.per == "left blade" else z)
 
 
 def accumulator_of_new_period(accumulator: Accumulator, z: Motion, method: Choices) -> Accumulator:

@@ -85,6 +85,7 @@ from jaxshroud.model.arithmetic import (
 from jaxshroud.model.modes import FLAT, Status
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State
+from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.row import (
     Each,
     RowModel,
@@ -116,9 +117,16 @@ def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Lan
     if model.interfaces.law.has_events:
         guards = zeros_for(lambda: row_guards(state, (lanes, lanes), model, each, method.all_events))
         guards = guards_to_begin_with(guards, method.all_events)
+    return Lane(state, count, search, guards, begun_accumulator(nothing, state, model, method, each), count)
+
+
+def begun_accumulator(nothing: Integrals, state: State, model: RowModel, method: Choices, each: Each) -> Accumulator:
+    """The accumulator of a row that starts from `state`, with its integrals, which are `nothing` so far."""
+    lanes = no_time(state)
+    at = jax.tree.map(lambda case: jnp.zeros(case.shape, lanes.dtype), state.case)
     log = None if method.derivative else new_row_log(state, at, model, method, each)
     margins = over(each, no_margins, at) if method.margins else None
-    return Lane(state, count, search, guards, Accumulator(nothing, EnergyJumps(at, lanes), log, margins), count)
+    return Accumulator(nothing, EnergyJumps(at, lanes), log, margins)
 
 
 def interface_change(

@@ -34,6 +34,7 @@ from jaxshroud.model.arithmetic import (
     right_of_interfaces,
     sum_at_blades,
     times_along,
+    total,
     where,
 )
 from jaxshroud.model.blade import AnyBlade, BladeForces, blades_of_row
@@ -92,12 +93,12 @@ class RowModel(eqx.Module):
     @property
     def is_pair(self) -> bool:
         """Whether it is an unrolled pair."""
-        return is_unrolled(self.blades.I)
+        return isunrolled_places(self.blades.I)
 
     @property
     def pair(self) -> Model:
         """The pair, of an unrolled one."""
-        return _at(0, self.interfaces)
+        return at_only_interface(self.interfaces)
 
     @property
     def turns(self) -> bool:
@@ -124,6 +125,22 @@ def along_blades(tree: Any) -> Any:
 def at_interface(tree: Any) -> Any:
     """A tree of numbers of the only interface along an unrolled axis of interfaces."""
     return jax.tree.map(Unrolled, tree)
+
+
+def at_only_interface(tree: Any) -> Any:
+    """The inverse of `at_interface`."""
+    return jax.tree.map(lambda a: a[0] if is_unrolled(a) else a, tree, is_leaf=is_unrolled)
+
+
+def state_of_row(state: State) -> State:
+    """The state of a pair as one of a row."""
+    u_s, mode, case = at_interface((state.u_s, state.mode, state.case))
+    return State(along_blades(state.motion), u_s, mode, case)
+
+
+def of_left_blade(tree: Any) -> Any:
+    """A tree along an unrolled axis of blades with the left one alone."""
+    return jax.tree.map(lambda a: Unrolled(a[0]) if is_unrolled(a) else a, tree, is_leaf=is_unrolled)
 
 
 def row_of_pair(model: Model) -> RowModel:
@@ -199,10 +216,10 @@ def over(each: Each, f: Callable[..., Any], *trees: Any) -> Any:
         f: A function of scalars.
         trees: Trees of arrays (M, lanes), or (lanes,), which count for all M.
     """
-    lengths = {len(a) for a in jax.tree.leaves(trees, is_leaf=is_unrolled) if is_unrolled(a)}
+    lengths = {len(a) for a in jax.tree.leaves(trees, is_leaf=is_unrolled) if isunrolled_places(a)}
     if lengths:
         (length,) = lengths
-        return _unrolled([each(f, *_at(i, trees)) for i in range(length)])
+        return unrolled_places([each(f, *_at(i, trees)) for i in range(length)])
     shape = max((a.shape for a in jax.tree.leaves(trees)), key=len)
     flat = jax.tree.map(lambda a: jnp.reshape(jnp.broadcast_to(a, shape), -1), trees)
     return jax.tree.map(lambda a: jnp.reshape(a, shape), each(f, *flat))
@@ -210,10 +227,10 @@ def over(each: Each, f: Callable[..., Any], *trees: Any) -> Any:
 
 def _at(i: int, trees: Any) -> Any:
     """Trees with the numbers of one blade, or of one interface."""
-    return jax.tree.map(lambda a: a[i] if is_unrolled(a) else a, trees, is_leaf=is_unrolled)
+    return jax.tree.map(lambda a: a[i] if isunrolled_places(a) else a, trees, is_leaf=is_unrolled)
 
 
-def _unrolled(trees: Sequence[Any]) -> Any:
+def unrolled_places(trees: Sequence[Any]) -> Any:
     """The tree of the numbers along an axis, from a tree for each of its places."""
 
     def along(*numbers):
@@ -276,7 +293,7 @@ class FlatPair(NamedTuple):
 def clusters(case: Array, model: RowModel) -> Cluster | FlatPair:
     """The clusters of blocks from the case of each interface (E, lanes)."""
     flat, I, closed = case == FLAT, model.blades.I, model.closed
-    if is_unrolled(flat):
+    if isunrolled_places(flat):
         mobility = model.interfaces.mobility
         return FlatPair(flat[0], mobility.share[0], mobility.joint[0])
     breaks = jnp.cumsum(~flat, axis=0, dtype=jnp.int32)  # interfaces that are not flat, up to each
@@ -408,15 +425,16 @@ def row_rhs(
     if recorded.ledger:
         viscous = rates.viscous + coupling_losses(now.motion, model)
         ledger = Ledger(rates.drive, abs(rates.drive), viscous, effects.lost)
+        if model.is_pair:
+            drive = total(rates.drive)
+            ledger = Ledger(drive, abs(drive), total(viscous), total(effects.lost))
     moments = None
     if recorded.moments:
         z = blades.shroud(now.motion)
         first = (z.x, z.y, z.theta)
         moments = Moments(first, jax.tree.map(lambda a: a * a, first))
-    return (
-        StateDerivative(a, effects.u_s),
-        Integrals(rates.power, ledger, moments, effects.loads, rates.means),
-    )
+    means = of_left_blade(rates.means) if model.is_pair else rates.means
+    return StateDerivative(a, effects.u_s), Integrals(rates.power, ledger, moments, effects.loads, means)
 
 
 def coupling_losses(z: Any, model: RowModel) -> Any:
