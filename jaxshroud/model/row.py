@@ -93,7 +93,7 @@ class RowModel(eqx.Module):
     @property
     def is_pair(self) -> bool:
         """Whether it is an unrolled pair."""
-        return isunrolled_places(self.blades.I)
+        return is_unrolled(self.blades.I)
 
     @property
     def pair(self) -> Model:
@@ -216,7 +216,7 @@ def over(each: Each, f: Callable[..., Any], *trees: Any) -> Any:
         f: A function of scalars.
         trees: Trees of arrays (M, lanes), or (lanes,), which count for all M.
     """
-    lengths = {len(a) for a in jax.tree.leaves(trees, is_leaf=is_unrolled) if isunrolled_places(a)}
+    lengths = {len(a) for a in jax.tree.leaves(trees, is_leaf=is_unrolled) if is_unrolled(a)}
     if lengths:
         (length,) = lengths
         return unrolled_places([each(f, *_at(i, trees)) for i in range(length)])
@@ -227,7 +227,7 @@ def over(each: Each, f: Callable[..., Any], *trees: Any) -> Any:
 
 def _at(i: int, trees: Any) -> Any:
     """Trees with the numbers of one blade, or of one interface."""
-    return jax.tree.map(lambda a: a[i] if isunrolled_places(a) else a, trees, is_leaf=is_unrolled)
+    return jax.tree.map(lambda a: a[i] if is_unrolled(a) else a, trees, is_leaf=is_unrolled)
 
 
 def unrolled_places(trees: Sequence[Any]) -> Any:
@@ -293,7 +293,7 @@ class FlatPair(NamedTuple):
 def clusters(case: Array, model: RowModel) -> Cluster | FlatPair:
     """The clusters of blocks from the case of each interface (E, lanes)."""
     flat, I, closed = case == FLAT, model.blades.I, model.closed
-    if isunrolled_places(flat):
+    if is_unrolled(flat):
         mobility = model.interfaces.mobility
         return FlatPair(flat[0], mobility.share[0], mobility.joint[0])
     breaks = jnp.cumsum(~flat, axis=0, dtype=jnp.int32)  # interfaces that are not flat, up to each
