@@ -2,8 +2,8 @@
 
 A file is written without a name (Linux's `O_TMPFILE`), and linked to its name when it is complete: a process that is
 killed leaves nothing. Where the system has no such files, and for the moment before another file is replaced, its name
-is `.NAME.jaxshroud-<32 hexadecimal digits>.partial`, and it is locked. A leftover is an unlocked regular file of one's
-own with such a name, and nothing else.
+is `.NAME.jaxshroud-<32 hexadecimal digits>.partial`, and it is locked. A leftover is an unlocked regular file of the
+same user with such a name, and nothing else.
 """
 
 import errno
@@ -206,7 +206,7 @@ def _open_unnamed(folder: Path, mode: int) -> int | None:
     """A new file without a name, open for reading and writing; None where there are no such files."""
     if not hasattr(os, "O_TMPFILE"):
         return None
-    with suppress(OSError):  # of a folder that takes no file at all, opening one by its name tells
+    with suppress(OSError):  # of a folder that takes no file at all, opening one by its name says so
         return os.open(folder, os.O_TMPFILE | os.O_RDWR, mode)
     return None
 

@@ -28,7 +28,7 @@ class CallPace:
     def timed(self, call: Callable[[np.int32], Called], cut_short: Callable[[Called], Any]) -> Called:
         """The results of a `call` with so many passes, which waits for the device.
 
-        `cut_short` tells of them whether the passes were used up; of a call with less to do only a long time counts.
+        `cut_short` says of them whether the passes were used up; of a call with less to do only a long time counts.
         """
         began = perf_counter()
         result = call(np.int32(self.passes))

@@ -97,7 +97,7 @@ class PureMarch(NamedTuple):
     counted: Callable[[Any], Any]
     """The sum of numbers (lanes, blades) of the blades that count."""
     free_power: Callable[[Any], Any]
-    """The power without contact as a sweep tells it; None where the sweep does not."""
+    """The power without contact as a sweep gives it; None where the sweep gives none."""
 
 
 class March(NamedTuple):
@@ -116,7 +116,7 @@ class March(NamedTuple):
     run: Callable[["March", Scene, State, Plan, Tick, np.ndarray], Runs]
     """The whole periods of a plan; see `runs.run_lanes`."""
     trajectories: Callable[["March", Scene, State, SampleGrid, Choices, Tick], Trajectories]
-    """Samples at instants with all that is told of them; see `trajectories.trajectories`."""
+    """Samples at instants with all quantities of results; see `trajectories.trajectories`."""
     sampled: Callable[[Scene, State, SampleGrid, Choices, Tick], SampledLanes]
     """The samples at instants of one chunk of lanes, step by step."""
     motions: Callable[[Scene, State, SampleGrid, Choices, Tick], Motion]

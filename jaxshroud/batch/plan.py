@@ -1,4 +1,4 @@
-"""What a run of many lanes is asked for, how far it is, and what it returns."""
+"""What a run of many lanes is to do, its progress, and what it returns."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

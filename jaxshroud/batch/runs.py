@@ -1,8 +1,8 @@
 """Many lanes over many periods by the march of their scenes: all at once, along an axis, or with trajectories.
 
-Where scenes ask for it, rings are marched by their sector: a smaller ring in their place, whose results are told as
+Where scenes ask for it, rings are marched by their sector: a smaller ring in their place, whose results are given as
 those of the whole one. It stays in motions that repeat from sector to sector. Whatever does not start so is marched
-whole, and so are tangents along directions that do not repeat, by which stability is told.
+whole, and so are tangents along directions that do not repeat, by which stability is judged.
 """
 
 from dataclasses import dataclass, replace
@@ -195,7 +195,7 @@ class Folded(NamedTuple):
 
 
 def folded(scenes: Scene, states: State) -> Folded:
-    """Lanes (leading axis) as they are marched: by their sector, where that is asked for and the states repeat so."""
+    """Lanes (leading axis) as they are marched: by their sector, where that is requested and the states repeat so."""
     if not asks_for_sector(scenes):
         return Folded(scenes, states, 1)
     if is_linear(scenes):  # closed forms are folded themselves
@@ -234,7 +234,7 @@ def folded_tangents(scenes: Dual, states: State) -> FoldedTangents:
 
 
 def unfolded_flow(flow: Dual, copies: int) -> Dual:
-    """What flows with tangents of so many copies of a ring integrate, told of all blades."""
+    """What flows with tangents of so many copies of a ring integrate, given for all blades."""
     if copies == 1:
         return flow
 

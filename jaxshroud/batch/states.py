@@ -31,7 +31,7 @@ from jaxshroud.scene.typed import Tree
 
 
 def initial_states(scenes: Scene) -> State:
-    """The initial state of each scene (leading axis), which lets nothing be compiled but for a static start."""
+    """The initial state of each scene (leading axis), which needs nothing compiled except for a static start."""
     if scenes.start != "motion":
         return static_states(scenes)
     return states_apart(scenes, scenes.initial)

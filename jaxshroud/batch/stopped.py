@@ -98,7 +98,7 @@ def _(primals: tuple[Array, Any, Any], tangents: tuple[Array, Any, Any]) -> tupl
 
 
 def _lost_numbers(t: Array, stopped: Bool[Array, "..."], *, transposed: bool) -> Array:
-    """NaN where `stopped`; transposed: 0 where nothing is asked for, else NaN."""
+    """NaN where `stopped`; transposed: 0 where the cotangent is 0, else NaN."""
     nan = jnp.full_like(t, jnp.nan)
     return jnp.where(stopped, jnp.where(t == 0, jnp.zeros_like(t), nan) if transposed else nan, t)
 

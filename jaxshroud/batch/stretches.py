@@ -147,7 +147,7 @@ class Trajectories(NamedTuple):
     amplitudes: SampledAmplitudes | None  # over the steps that count; None if there are none
     status: np.ndarray  # (lanes,)
     counters: dict[str, np.ndarray]  # numbers of events by their names
-    energy: dict[str, np.ndarray]  # what is told of the energy balance, by the names of results
+    energy: dict[str, np.ndarray]  # those of the energy balance, by the names of results
     loads: ContactLoads | None = None  # None unless they were requested
     times: ContactTimes | None = None  # in each state of contact; None in closed form, as are the next two
     last: Any = None  # the lanes at the end
@@ -190,7 +190,7 @@ def march_in_stretches(
 
 
 def values_by_name(states: State, forces: ContactForces) -> dict[str, Any]:
-    """What is told of states and forces, by the names of results; what a model lacks is left out."""
+    """The quantities of states and forces, by the names of results; those that a model lacks are left out."""
     of_face = {name: a for name, a in forces._replace(points=ZERO)._asdict().items() if not is_zero(a)}
     slider, states_of_points = np.where(states.mode == Mode.APART, np.nan, states.u_s), {}
     if not is_zero(forces.points):

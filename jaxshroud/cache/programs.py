@@ -33,8 +33,8 @@ class Prefetch:
 
     def __init__(self, load: Callable[[str], Any]):
         self.load, self.lock, self.stopped = load, threading.Lock(), threading.Event()
-        self.loading: dict[str, Future] = {}  # being loaded, or loaded and not asked for yet
-        self.used: dict[str, None] = {}  # in the order in which they were asked for
+        self.loading: dict[str, Future] = {}  # being loaded, or loaded and not requested yet
+        self.used: dict[str, None] = {}  # in the order in which they were requested
 
     def start(self, names: Iterable[str]) -> None:
         """Load the entries of these names, in order."""

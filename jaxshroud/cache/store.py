@@ -165,7 +165,7 @@ class CheckedCache:
 
     def __init__(self, store: ProgramStore):
         self.store, self.machine = store, f"{platform.machine()}\n{processor_features()}"
-        self._path = store.folder  # which JAX tells in its log
+        self._path = store.folder  # which JAX names in its log
 
     def get(self, key: str) -> bytes | None:
         """The entry of a key; None if there is none, or it is not as it was written, here."""

@@ -12,7 +12,7 @@ from jaxshroud.activity import Piece, innermost_piece, is_compiling, seconds_com
 LINE_INTERVAL = 8.0  # seconds from line to line: nobody is to wait for ten
 FIRST_LINE = 4.0  # until the first of them [s]
 BAR_WIDTH = 20
-KNOWN_SHARE = 0.1  # of a run, after which it is told when it ends
+KNOWN_SHARE = 0.1  # of a run, after which its end is estimated
 TimeSource = Callable[[], float]  # [s]
 
 

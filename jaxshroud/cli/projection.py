@@ -31,7 +31,7 @@ EVENT_STEPS = 10**4  # of a row for the events of each of its blades in a period
 LANES_PER_LONE_LANE = 16  # a lane that runs alone takes as long as this many lanes of a chunk
 MIB, GIB = 2**20, 2**30  # bytes
 DURATIONS = (("days", 86400.0), ("h", 3600.0), ("min", 60.0), ("s", 1.0))  # units with their seconds
-LEAST_UNITS = 1.7  # of the largest unit in which a time is told
+LEAST_UNITS = 1.7  # of the largest unit in which a time is given
 
 
 class _EnoughError(Exception):

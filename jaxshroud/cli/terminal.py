@@ -232,7 +232,7 @@ def _listen(
     presses, since, poll = 0, 0.0, select.poll()
     poll.register(reader, select.POLLIN)
     if _is_pipe(STDOUT):
-        poll.register(STDOUT, 0)  # an error, which is always told, is that nobody reads it any more
+        poll.register(STDOUT, 0)  # an error, which is always reported, means that nobody reads it any more
 
     def end() -> None:
         leave(READER_GONE if reader_gone.is_set() else INTERRUPTED)

@@ -19,7 +19,7 @@ ENDED = "the process that computes has ended, perhaps for want of memory; the ne
 class Message(NamedTuple):
     """What goes to an engine, or comes from one."""
 
-    kind: str  # to it: submit, cancel, learn, forget; from it: show, tell, failed, chosen, ended
+    kind: str  # to it: submit, cancel, learn, forget; from it: show, progress, failed, chosen, ended
     worker: str = ""
     number: int = 0  # of the wish
     content: tuple[Any, ...] = ()
@@ -51,7 +51,7 @@ class Engine:
     def send(self, message: Message) -> None:
         """Send a message; to a process that has ended, nothing."""
         assert self.process.stdin is not None
-        with self.lock, suppress(OSError):  # which the thread that listens tells
+        with self.lock, suppress(OSError):  # which the thread that listens reports
             self.process.stdin.write(pickle.dumps(message))
             self.process.stdin.flush()
 
@@ -136,7 +136,7 @@ class Service:
             return self._answer(message._replace(kind=kind, content=content))
 
         (wish,) = message.content
-        inner = wish.job(self.methods, partial(answer, "show"), partial(answer, "tell"), self._is_busy)
+        inner = wish.job(self.methods, partial(answer, "show"), partial(answer, "progress"), self._is_busy)
 
         def job(go_on: Callable[[], None]) -> None:
             inner(go_on)

@@ -218,7 +218,7 @@ class TabPage:
         elif message.number == self.numbers[message.worker]:
             if message.kind == "show":
                 self.shows[message.worker](*message.content)
-            elif message.kind == "tell":
+            elif message.kind == "progress":
                 level, share = message.content
                 self._working("diagram", f"{'coarse' if level == 0 else f'finer, level {level}'}, {share:.0%}")
             elif message.worker == "saves":

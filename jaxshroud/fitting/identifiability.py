@@ -16,7 +16,7 @@ from jaxshroud.fitting.searches import APART_PLACES
 WIDE_INTERVAL = 0.1  # half width of an interval, over the range of its number, from which it is found by profile
 CONFOUNDED = 0.99  # correlation from which two numbers cannot be told from one another
 CURVED = 0.05  # departure of a profile's ends from the linear interval, over its half width, from which they count
-NONLINEAR = 0.3  # departure of a profile's ends from the linear interval, over its half width, that is told
+NONLINEAR = 0.3  # departure of a profile's ends from the linear interval, over its half width, that is reported
 AT_BOUND = 1e-3  # distance from a bound, over the range, at which a number ends at it
 WIDEST_STEP = 0.25  # from node to node, over the range
 NODES = (0.5, 1.0, 1.5, 2.0, 2.5, 4.0, 8.0, 16.0, 32.0, 64.0)  # over the half width of the linear interval

@@ -21,7 +21,7 @@ class MistunedSystem(NamedTuple):
     mistuned: Any  # (n, blades) what the mistuning of a blade adds to the diagonal of the stiffness
     omega: Any  # () frequency of the drive
     loads: dict[int, Any]  # (n,) complex, by order
-    coordinate: Any  # (blades, n) the displacements that are asked for
+    coordinate: Any  # (blades, n) the displacements that are requested
 
 
 @kept("contact", "coordinate")

@@ -34,7 +34,7 @@ class ContactForces(NamedTuple):
 
 
 class PointForces(NamedTuple):
-    """What is told of each of several points of contact, as `ContactForces` of all: tuples, or arrays (..., points)."""
+    """Quantities of each of several points of contact, as `ContactForces` of all: tuples, or arrays (..., points)."""
 
     N: Any  # [N]
     F: Any  # [N]

@@ -210,7 +210,7 @@ def _reset_in_row(one: Observable, before: Any, z: Motion) -> Any:
 
 
 def accumulator_of_new_period(accumulator: Accumulator, z: Motion, method: Choices) -> Accumulator:
-    """The accumulator with what is told of each period reset, at the motion `z`."""
+    """The accumulator with the values of single periods reset, at the motion `z`."""
     integrals, jumps = jax.tree.map(jnp.zeros_like, (accumulator.integrals, accumulator.jumps))
     log = accumulator.log
     if log is not None:

@@ -155,7 +155,7 @@ class Choices(NamedTuple):
 REFERENCE = Choices()
 FAST_WITH_LEDGER = Choices(locate="cubic")  # same errors, less time
 FAST = FAST_WITH_LEDGER._replace(ledger=False)  # no energy residual either
-FOR_P_D_WITH_LEDGER = FAST_WITH_LEDGER._replace(vibration=True)  # where P_d is told, beside that of the vibration alone
+FOR_P_D_WITH_LEDGER = FAST_WITH_LEDGER._replace(vibration=True)  # where P_d is given, and that of the vibration alone
 FOR_P_D = FAST._replace(vibration=True)
 
 
@@ -231,7 +231,7 @@ class Taylor(eqx.Module):
         order: 4 to 24.
         tolerance: Of the last terms of the speeds over the largest speed. The error after a few periods is about as
             large.
-        steps: Steps in one drive period, which count time: for samples, and for what is told per step. By default as
+        steps: Steps in one drive period, which count time: for samples, and for quantities per step. By default as
             of `RungeKutta`.
         precision: "float64" or "float32".
         flat_return: As of `RungeKutta`; where faces become flat, an error of that size is left at any tolerance.

@@ -50,7 +50,7 @@ class InterfaceTrial(NamedTuple):
     mode: Int[Array, ""]  # during it; of smooth contact, whether the blades touch at its end
     v: Any  # penetration at its end, by power series the largest within [m]
     apart: Any = None  # whether the blades are apart in that mode
-    start: Any = None  # `State` of both blades and their contact; rows tell it to observables that take "one" alone,
+    start: Any = None  # `State` of both blades and their contact; rows give it to observables that take "one" alone,
     end: Any = None  # as the `Motion` of both blades at its end, before what happens there,
     lift: Any = None  # the `Lift` there,
     loads: ContactLoads | None = None  # the loads of the trial, if the method integrates them,
@@ -106,10 +106,10 @@ class Observable(NamedTuple):
 
 
 def lasting(value: Any, _: Motion) -> Any:
-    """A `reset` of what is told of a whole run: the value goes on."""
+    """A `reset` of values of a whole run: the value goes on."""
     return value
 
 
 def from_zero(value: Any, _: Motion) -> Any:
-    """A `reset` of what is told of each period: the value starts from zero."""
+    """A `reset` of values of single periods: the value starts from zero."""
     return jax.tree.map(jnp.zeros_like, value)

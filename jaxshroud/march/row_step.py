@@ -24,7 +24,7 @@ from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.row import Cluster, Each, FlatPair, RowModel, alone, clusters_of, row_rhs
 
-OfLanes = Float[Array, " lanes"]
+OfLanes = Float[Array, "..."]
 
 
 def whole(each: Each, f: Callable[..., Any], *trees: Any) -> Any:
@@ -123,7 +123,7 @@ class RowCrossing(NamedTuple):
 
     fires: Bool[Array, "interfaces lanes"]
     kind: Int[Array, "interfaces lanes"]
-    is_root: Bool[Array, " lanes"]  # it ends where the guard vanishes, rather than at a prescribed instant
+    is_root: Bool[Array, "..."]  # it ends where the guard vanishes, rather than at a prescribed instant
     delay: OfLanes  # upper bound of the time since the event [s]
     pending: Bool[Array, "interfaces lanes"] | None  # events of this instant that are left; None: no derivatives
 
@@ -169,7 +169,7 @@ def differentiable_event_end(
 def _at_root(
     end: RowStepEnd,
     lane: Lane,
-    ends: Bool[Array, " lanes"],
+    ends: Bool[Array, "..."],
     crossing: RowCrossing,
     fixed: Fixed[RowModel],
     method: Choices,

@@ -88,6 +88,7 @@ from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.row import (
     Each,
+    FlagOfInterfaces,
     RowModel,
     alone,
     blade_energies,
@@ -185,7 +186,7 @@ class RowVerdict(NamedTuple):
     crossing: RowCrossing
     torque: Any  # of each interface, see `row_torques`, and so is the next
     joint: Any
-    not_finite: Bool[Array, " lanes"]
+    not_finite: Bool[Array, "..."]
 
     @property
     def differentiable(self) -> tuple[Any, ...]:
@@ -291,7 +292,7 @@ def _after_trial(
 
 def _guards_after_events(
     after: Guards, lane: Lane, verdict: RowVerdict, method: Choices
-) -> tuple[Guards, list[Bool[Array, " lanes"]]]:
+) -> tuple[Guards, list[Bool[Array, "..."]]]:
     """`guards_after_event` of all interfaces, and whether an event waits at any of them."""
     assert lane.guards is not None
     end, (fires, kind, *_) = verdict.outcome.guards, verdict.crossing
@@ -328,9 +329,7 @@ def _change_of_row(
     )
 
 
-def _as_flat(
-    state: State, becomes_flat: Bool[Array, "interfaces lanes"], model: RowModel, each: Each
-) -> tuple[State, OfLanes]:
+def _as_flat(state: State, becomes_flat: FlagOfInterfaces, model: RowModel, each: Each) -> tuple[State, OfLanes]:
     """The state once the blocks of new flat faces turn as one with their clusters, and the energy that is lost [J].
 
     The angular momentum of each cluster is kept.
@@ -357,11 +356,11 @@ def no_time(state: State) -> OfLanes:
     return jnp.zeros_like(first[0])
 
 
-def _is_finite(state: State) -> Bool[Array, " lanes"]:
+def _is_finite(state: State) -> Bool[Array, "..."]:
     return jnp.isfinite(sum(total(a) for a in jax.tree.leaves(state.motion, is_leaf=is_unrolled)))
 
 
-def _turned(state: State, lost: Bool[Array, " lanes"], model: RowModel) -> Bool[Array, " lanes"]:
+def _turned(state: State, lost: Bool[Array, "..."], model: RowModel) -> Bool[Array, "..."]:
     """Whether a block has turned too far, or the motion is `lost`."""
     theta: Any = model.blades.shroud(state.motion).theta
     if is_unrolled(theta):

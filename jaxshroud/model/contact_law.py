@@ -74,7 +74,7 @@ class ContactPoint(NamedTuple):
     u_s: Slider
     mode: Any  # `Modes`, of an interface of several points a tuple of them
     reading: frozenset[str]
-    own_rates: Any = None  # the rates of a point among several, where they are asked for
+    own_rates: Any = None  # the rates of a point among several, where they are requested
 
     def rates(self) -> Any:
         """The time derivatives of the kinematics, `RatesAtPoint`."""
@@ -106,7 +106,7 @@ class ContactLaw(SceneLaw):
 
     called: ClassVar[str] = "own laws"  # in messages
     by_series: ClassVar[bool] = False  # power series march it
-    is_examined: ClassVar[bool] = False  # the accuracy of its marches is, and can be asked for
+    is_examined: ClassVar[bool] = False  # the accuracy of its marches is, and can be requested
     has_events: ClassVar[bool] = True  # contact begins, ends and changes its case by events, and may be flat
     has_stick: ClassVar[bool] = False  # friction sticks and slips, with events in between
     flows: ClassVar[bool] = False  # its slider, or internal state, is integrated with the motion

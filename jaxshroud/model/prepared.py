@@ -139,7 +139,7 @@ class LawOfPart(NamedTuple):
     """The law of contact of the scenes with one `Parts.contact`."""
 
     made: Callable[[Scene], ContactLaw]
-    kind: Callable[[Scene], type[ContactLaw]]  # which tells what it can do
+    kind: Callable[[Scene], type[ContactLaw]]  # which says what it can do
 
 
 LAWS: dict[ContactPart, LawOfPart] = {

@@ -16,16 +16,17 @@ taken.
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxshroud.model.arithmetic import (
     ZERO,
     Unrolled,
+    Zero,
     both_sides,
     is_of_blades,
     is_unrolled,
@@ -71,8 +72,16 @@ from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import Parts
 from jaxshroud.scene.scene import Contact, Friction, Scene, Shroud
 
-OfBlades = Float[Array, "blades lanes"]
-OfInterfaces = Float[Array, "interfaces lanes"]
+if TYPE_CHECKING:
+    OfBlades = Float[Array, "blades lanes"]
+    OfInterfaces = Float[Array, "interfaces lanes"]
+    CaseOfInterfaces = Int[Array, "interfaces lanes"]
+    FlagOfInterfaces = Bool[Array, "interfaces lanes"]
+else:
+    OfBlades = Float[Array, "blades lanes"] | Unrolled | Zero
+    OfInterfaces = Float[Array, "interfaces lanes"] | Unrolled | Zero
+    CaseOfInterfaces = Int[Array, "interfaces lanes"] | Unrolled
+    FlagOfInterfaces = Bool[Array, "interfaces lanes"] | Unrolled
 Each = Callable[..., Any]  # (f, *trees) -> `f(*trees)` for every element of the leading axis
 
 
@@ -269,7 +278,7 @@ class Cluster(NamedTuple):
     share: Any  # (N, N, lanes): of block k in the mean of the cluster of block i
     inertia: OfBlades  # of the cluster of each block [kg m^2]
     before: Any  # (E, N, lanes): block k is in the cluster of the flat interface j, and not right of it
-    all_round: Bool[Array, " lanes"]  # a closed row that is flat at every interface
+    all_round: Bool[Array, "..."]  # a closed row that is flat at every interface
 
     def mean(self, a: OfBlades) -> OfBlades:
         """The mean of each cluster, weighted by inertia, for each of its blocks."""
@@ -290,7 +299,7 @@ class FlatPair(NamedTuple):
         return Unrolled(where(self.flat, mean, left), right if is_zero(right) else where(self.flat, mean, right))
 
 
-def clusters(case: Array, model: RowModel) -> Cluster | FlatPair:
+def clusters(case: CaseOfInterfaces, model: RowModel) -> Cluster | FlatPair:
     """The clusters of blocks from the case of each interface (E, lanes)."""
     flat, I, closed = case == FLAT, model.blades.I, model.closed
     if is_unrolled(flat):
@@ -329,8 +338,8 @@ def passed_torques(own: OfBlades, cluster: Cluster, model: RowModel) -> OfInterf
 
 
 def relative_torques(
-    own: OfBlades, case: Array, cluster: Cluster | FlatPair, model: RowModel
-) -> OfInterfaces | Unrolled:
+    own: OfBlades, case: CaseOfInterfaces, cluster: Cluster | FlatPair, model: RowModel
+) -> OfInterfaces:
     """The torque on theta_j - theta_(j+1) of each interface with contact at the corner of its case [N m].
 
     It is the inertia of both clusters against a turn towards each other times the relative angular acceleration; of
@@ -338,17 +347,19 @@ def relative_torques(
     """
     if isinstance(cluster, FlatPair):
         left, right = own
-        return Unrolled(cluster.joint * (left - right))
+        torque: Any = Unrolled(cluster.joint * (left - right))
+        return torque
     mean = cluster.mean(own)
     relative = left_of_interfaces(mean, model.closed) - right_of_interfaces(mean, model.closed)
     apart = joint_inertia(cluster, model) * relative
     return where(case == FLAT, passed_torques(own, cluster, model), apart)
 
 
-def joint_inertia(cluster: Cluster | FlatPair, model: RowModel) -> OfInterfaces | Unrolled:
+def joint_inertia(cluster: Cluster | FlatPair, model: RowModel) -> OfInterfaces:
     """The inertia against a turn towards each other of the clusters left and right of each interface [kg m^2]."""
     if isinstance(cluster, FlatPair):
-        return Unrolled(cluster.joint)
+        joint: Any = Unrolled(cluster.joint)
+        return joint
     left, right = left_of_interfaces(cluster.inertia, model.closed), right_of_interfaces(cluster.inertia, model.closed)
     return left * right / (left + right)
 

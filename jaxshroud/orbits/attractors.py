@@ -66,11 +66,19 @@ def attractors_of(scene: Scene, states: State, max_periods: int, aim: ShootingOp
     periodic, label = _joined_families(periodic, label, aim)
     for i, attractor in enumerate(aperiodic, len(periodic)):
         label[attractor.lanes] = i
-    order = np.argsort([-len(attractor.lanes) for attractor in (*periodic, *aperiodic)], kind="stable")
+    attractors = [*periodic, *aperiodic]
+    order = sorted(range(len(attractors)), key=lambda i: _place_in_order(attractors[i], end))
     rank = np.append(np.argsort(order), [-2, -1])  # so that -1 and -2 stay
-    return FoundAttractors(
-        [(*periodic, *aperiodic)[i] for i in order], rank[label], end, units, float(scene.running_shroud.gap)
-    )
+    return FoundAttractors([attractors[i] for i in order], rank[label], end, units, float(scene.running_shroud.gap))
+
+
+def _place_in_order(attractor: Attractor, end: LaneEnds) -> tuple[float, str, float]:
+    """What attractors are sorted by, properties of the motion whatever the starts: period, kind, P_d from the largest.
+
+    Aperiodic motions, whose P_d is known to the accuracy of an average only, come last.
+    """
+    P_d = np.mean(end.P_d[attractor.lanes]) if attractor.cycle is None else attractor.cycle.P_d
+    return attractor.q or np.inf, attractor.kind, -float(P_d)
 
 
 def _motion_scales(scene: Scene, sizes: np.ndarray) -> np.ndarray:

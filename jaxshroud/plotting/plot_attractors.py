@@ -44,7 +44,7 @@ POINT_STYLE: Properties = {"marker": "o", "ls": "", "mfc": "white", "mec": INK, 
 LETTER_STYLE: Properties = {"textcoords": "offset points", "ha": "center", "va": "center", "zorder": 4, "fontsize": 7}
 LETTER_STYLE |= {"path_effects": [withStroke(linewidth=2, foreground="white")]}
 LETTER_PLACES = ((6, 5), (-6, 5), (6, -5), (-6, -5), (0, 8), (0, -8))  # about the point of an attractor [pt]
-ATTRACTOR_STYLES = list(zip((BLUE, ORANGE, GREEN, PINK, RED, SKY), "osD^vP", strict=True))  # the most frequent first
+ATTRACTOR_STYLES = list(zip((BLUE, ORANGE, GREEN, PINK, RED, SKY), "osD^vP", strict=True))  # of a row's motions
 SHARE_LIMITS = -0.04, 1.04  # a mark at 0 or 1 is whole
 MOST_FREE = 2.0  # times the largest amplitude: larger ones without contact would hide the differences
 
@@ -127,7 +127,7 @@ def _share_rows(figure: AnyFigure, axes: Mapping[str, Axes], attractors: Attract
 
 
 def _draw_orbits(panel: Axes, attractors: AttractorsData) -> None:
-    """The path of the left blade, and its Poincaré point; the more frequent are drawn wider, below the others."""
+    """The path of the left blade, and its Poincaré point; earlier orbits are drawn wider, below later ones."""
     scale = scale_of(np.asarray(attractors.gap))
     count = len(attractors.share)
     for i in range(count):

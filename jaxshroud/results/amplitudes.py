@@ -21,7 +21,7 @@ PEAK = (
 FREE = "amplitude of {} without contact, closed form"
 FREE_RMS = "root mean square of {} about its mean without contact, closed form"
 EACH = ("interface",)
-AT_POINTS = ("interface", "point")  # the dimensions of what is told of each point
+AT_POINTS = ("interface", "point")  # the dimensions of quantities of each point
 ENERGY_DROPPED = "largest energy dropped in a period by beginnings of flat contact, over the drive's gross work"
 
 

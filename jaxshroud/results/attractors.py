@@ -55,7 +55,10 @@ class InitialMotion(MotionVariable):
 
 
 class Attractors(Result):
-    """The attractors that starts lead to, the most frequent first.
+    """The attractors that starts lead to, in the order of their period, then of P_d from the largest; aperiodic last.
+
+    Both `attractors` and `basins` order them so, whatever the shares: where both find the same motions, a letter names
+    the same one. The motions of a row are in the order of their shares, the most frequent first.
 
     The `kind` of an attractor is 0 for a periodic orbit, 1 for a family of orbits that differ in the place of a slider
     that never slips (permanent stick keeps the slider wherever it is, so the family counts as one attractor), and 2

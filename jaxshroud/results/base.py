@@ -56,7 +56,7 @@ class Result:
     method = Attribute(str)  # in words
     march = MethodAttribute()  # the same as verbs take it
     steps_per_period = Attribute(int)
-    accuracy = Attribute(str)  # the accuracy asked for, and the method chosen for it
+    accuracy = Attribute(str)  # the accuracy requested, and the method chosen for it
     chatter = Attribute(str)  # the contact changes that alternate in the first lane with TOO_MANY_EVENTS
 
     def __init__(self, data: "xr.Dataset"):

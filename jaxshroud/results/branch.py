@@ -47,7 +47,7 @@ class Special(NamedTuple):
     error: float | None = None  # of the value, by a finer march; None if that found no such point or was not made
 
 
-OF_CONTACT_POINTS = ("interface", "contact_point")  # what is told of each; points are those of the branch
+OF_CONTACT_POINTS = ("interface", "contact_point")  # of quantities of each; points are those of the branch
 
 
 class Branch(WithAmplitudes, Result):

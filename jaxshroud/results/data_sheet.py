@@ -65,7 +65,7 @@ class DataSheet(PlainResult):
     doubts: tuple[str, ...]  # numbers that should be checked
     slide: float = 0.0  # displacement of the free blades' contact faces along each other, without rotation [m]
     modes: "tuple[NaturalMode, ...]" = ()  # apart and in contact, at the scene's speed
-    drive_order: float = 1.0  # engine order of the drive: the scene's own, or else the first of those asked for
+    drive_order: float = 1.0  # engine order of the drive: the scene's own, or else the first of those requested
     is_own_order: bool = False  # whether it is the scene's own
     engine_orders: tuple[float, ...] = ()  # those of the crossings
     speed: float = 0.0  # at which the drive has its frequency, by `drive_order` [rad/s]

@@ -20,7 +20,7 @@ DAMPING = "first-harmonic equivalent damping of contact along the {} of the face
 RATIO = "damping ratio that it adds to the relative motion along the {} of the faces; NaN if unknown"
 
 
-LEAST_TOLD = 0.005  # percent of the drive's work: less is not told
+LEAST_TOLD = 0.005  # percent of the drive's work: less is not reported
 
 
 class LaneNumber(Variable):

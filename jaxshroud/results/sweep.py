@@ -350,7 +350,7 @@ def compare_directions(data: "xr.Dataset") -> "dict[str, xr.Variable]":
     sizes = [max(_size(part[name]) for part in parts) or 1.0 for name in Motion._fields]
     steep, coexist = np.zeros((len(SINGLE_DIRECTIONS), n), np.int8), np.zeros(n, np.int8)
     for first, last in windows:
-        # The neighbours on both sides tell how large a usual step is.
+        # The neighbours on both sides show how large a usual step is.
         before, after = min(first, NEIGHBOURING_STEPS), min(n - last, NEIGHBOURING_STEPS + 1)
         window = data.isel({dim: slice(first - before, last + after)})
         rows = [lane_motions(window.sel({DIRECTION: way}), sizes) for way in SINGLE_DIRECTIONS]

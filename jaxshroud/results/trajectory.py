@@ -39,8 +39,8 @@ SAMPLE_BEFORE_EVENT = "sample that the event comes after"
 CONTACT_POINT = (
     "where contact acts, up the left block's face from its middle; of flat contact the resultant; NaN when apart"
 )
-OF_CONTACT = ("time", "interface")  # the dimensions of what is told of contact
-OF_POINTS = (*OF_CONTACT, "point")  # of what is told of each point of contact, from the lower end of the face up
+OF_CONTACT = ("time", "interface")  # the dimensions of quantities of contact
+OF_POINTS = (*OF_CONTACT, "point")  # of quantities of each point of contact, from the lower end of the face up
 
 
 class RunEvents(Variable["Trajectory | None"]):

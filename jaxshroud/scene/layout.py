@@ -173,7 +173,7 @@ class Capability(NamedTuple):
         return f"{name or self.name} {REFUSALS[self.holder]}: {self.reason}."
 
 
-OWN_LAWS = '`parts.contact` = "own"'  # by `Laws`; other laws of one's own may know rows
+OWN_LAWS = '`parts.contact` = "own"'  # by `Laws`; other laws of a user may know rows
 NO_CONTACT = '`parts.contact` = "none"'  # which scenes may have, and verbs refuse
 AERO_FORCES = "[aero]"
 COUPLED_WITHOUT_CONTACT = (

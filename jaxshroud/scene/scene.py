@@ -168,7 +168,7 @@ class Scene(eqx.Module):
     drive: Drive
     initial: Motion = eqx.field(converter=_motion_per_blade, default=AT_REST)
     parts: Parts = eqx.field(static=True, default=Parts())
-    laws: SceneLaw | None = None  # a law of contact of one's own
+    laws: SceneLaw | None = None  # a user's law of contact
     given: dict[str, Any] = eqx.field(converter=_given, default_factory=dict)  # inputs by their keys
     row: Row | None = None  # None: the pair
     coupling: Coupling = Coupling()  # between neighbours

@@ -59,7 +59,7 @@ def text_of(scene: Scene, run: Mapping[str, Any], title: str = "") -> str:
 
 
 FEW_DIGITS = 12  # as one types them
-ENOUGH_DIGITS, MOST_DIGITS = 17, 30  # what tells doubles apart; what the factor of a unit has, and more
+ENOUGH_DIGITS, MOST_DIGITS = 17, 30  # what distinguishes doubles; what the factor of a unit has, and more
 PLAIN = range(-5, 16)  # powers of ten of numbers that are written without an exponent
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxshroud.scene.keys import parse_key
 from jaxshroud.signals.period import MIN_APERIODIC_PERIODS
 
-TOLD_DIFFERENCE = 1.0  # percentage points: where P_d and P_d_vibration differ by more, both are told
+TOLD_DIFFERENCE = 1.0  # percentage points: where P_d and P_d_vibration differ by more, both are given
 ROUND_PERIODS = 16  # multiples of which are advised
 NEGLIGIBLE_WIDTH = 1e-6  # over the number: a smaller half width is rounding
 EXACT_DIGITS = 6  # digits of an exact number

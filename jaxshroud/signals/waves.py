@@ -127,7 +127,7 @@ class RowWave(NamedTuple):
 
     distance: WaveDistance
     name: str  # of that displacement
-    periods: int  # over which it is told
+    periods: int  # over which it is measured
     repeats: bool  # whether the motion repeats after these
     unknown: str = ""  # why there is no distance
 

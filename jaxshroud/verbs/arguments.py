@@ -42,7 +42,7 @@ def check_verb(verb: str, scene: Scene | SceneFile) -> None:
     where = f"{scene.name}: " if isinstance(scene, SceneFile) else ""
     require_capability(f"`{verb}`", scene.layout, where)
     points = {"points", "shares"} & {*scene.tables["contact"]} if isinstance(scene, SceneFile) else scene.contact.points
-    if verb:  # what has no name was asked for by another verb
+    if verb:  # without a name, another verb calls
         require_points(verb, points, where)
         parts = scene.tables["parts"]["contact"] if isinstance(scene, SceneFile) else scene.parts.contact
         require_steps(parts, verb, where)

@@ -74,11 +74,11 @@ def attractors(
         progress: Called with (lane-periods done, lane-periods at most).
 
     Returns:
-        The attractors, the most frequent first. Periodic ones are closed by Newton's method and told apart by the
-        distance between their orbits; orbits that differ only in the position of a slider that never slips are one
-        family. Aperiodic motions are told apart by the sets that they fill in 512 periods, and count if a longer run is
-        judged chaotic or quasi-periodic, as by `diagnose`. A start that leads to none of these, such as one whose
-        transient is not over, is undecided.
+        The attractors, in the order of their period, then of P_d from the largest; aperiodic ones are last. Periodic
+        ones are closed by Newton's method and told apart by the distance between their orbits; orbits that differ only
+        in the position of a slider that never slips are one family. Aperiodic motions are told apart by the sets that
+        they fill in 512 periods, and count if a longer run is judged chaotic or quasi-periodic, as by `diagnose`. A
+        start that leads to none of these, such as one whose transient is not over, is undecided.
 
     Raises:
         InputError: A count is too small, or there are many scenes.

@@ -22,7 +22,7 @@ from jaxshroud.scene.typed import FloatArray
 from jaxshroud.scene.vary import numbers_of
 from jaxshroud.verbs.natural_frequencies import RAD_PER_CYCLE, modes_in, system_in_float64, words_for
 
-SHOWN_SPEEDS = 49  # of a range, at which frequencies are told
+SHOWN_SPEEDS = 49  # of a range, at which frequencies are given
 
 
 def lines_of_speeds(

@@ -58,7 +58,7 @@ class JudgedMotion(NamedTuple):
     events: bool  # whether the states at events are kept too
     method: Asked
     evidence: Callable[[Trajectory], dict[str, object]]  # the verdict and its evidence, by the names of `Diagnosis`
-    missed: np.ndarray | None = None  # whether the march misses the accuracy asked for; None: it was not tried for one
+    missed: np.ndarray | None = None  # whether the march misses the accuracy requested; None: it was not tried for one
     tried: Choice | None = None
 
 

@@ -169,7 +169,7 @@ class MistunedRow(NamedTuple):
     along: str
     values: FloatArray
     of: str
-    by_sector: Scene | None = None  # the same, marched by its sector; None where that is not asked for
+    by_sector: Scene | None = None  # the same, marched by its sector; None where that is not requested
 
 
 def with_patterns(scene: Scene, patterns: FloatArray) -> Scene:

@@ -25,7 +25,7 @@ class DesignFindings:
     """The findings on a pair. A table has no columns and a paragraph no words beside those of all designs."""
 
     run_for: ClassVar[dict[str, Any]] = {"forces": True}  # arguments of `sweep` for the runs of all conditions
-    amplitudes_of: ClassVar[tuple[str, ...]] = ()  # sentences on whose numbers are told
+    amplitudes_of: ClassVar[tuple[str, ...]] = ()  # sentences that say whose numbers are given
     motions_by: ClassVar[tuple[str, ...]] = ()  # sentences on how coexisting motions are found
     motion_heads: ClassVar[tuple[str, ...]] = ()  # heads of `motion_cells`
 

@@ -103,7 +103,7 @@ def table(
         linear = default_state(scenes, method)
         scene, scenes = in_state(scene, linear), in_state(scenes, linear)
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
-    with warnings.catch_warnings(action="ignore", category=LaneWarning):  # told below, of all rows
+    with warnings.catch_warnings(action="ignore", category=LaneWarning):  # given below, of all rows
         swept = sweep(
             scenes,
             n_periods=resolved.n_periods,

@@ -128,7 +128,7 @@ def _candidates(lanes: Scene, accuracy: float) -> tuple[list[Setting], bool]:
     settings = {float(level): _setting(setting) for level, setting in rows[-1].items()}
     sufficient = [settings[level] for level in sorted(settings, reverse=True) if level <= accuracy * 1.001]
     finest = [_setting(list(row.values())[-1]) for row in rows if row]
-    begun = 4 * flat_return_for(accuracy)  # trials tell whether this is enough
+    begun = 4 * flat_return_for(accuracy)  # trials show whether this is enough
     found = [setting._replace(flat_return=begun) for setting in sufficient or finest[-1:]]
     found = [setting for pair in zip([found[0], *found], found, strict=False) for setting in _decades(*pair)]
     finer = [found[-1].finer(n) for n in range(1, MAX_FINER_SETTINGS + 1)]

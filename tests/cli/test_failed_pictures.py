@@ -18,7 +18,7 @@ TUNE += ["--set", "run.steps_per_period=100", "--over", "contact.gamma=1:2", "--
     ],
 )
 def test_a_picture_that_fails_is_told_at_the_end(command, words, written, tmp_path, monkeypatch, capsys):
-    def save_figure(figure, *paths):
+    def save_figure(figure, *paths, dpi):
         raise ValueError("All-NaN slice encountered")
 
     monkeypatch.setattr("jaxshroud.plotting.style.save_figure", save_figure)

@@ -24,11 +24,12 @@ def found():
 
 def test_two_motions_of_equal_period_number_are_told_apart(found):
     assert found.period_number.tolist() == [1, 1]
-    assert found.names == ["period 1", "period 1"]
+    assert found.names == ["A: period 1", "B: period 1"]
     assert found.undecided == 0
     assert found.distance.min() > 0.05  # they are far apart ...
     assert found.residual.max() < 1e-9  # ... and each is known exactly
     assert found.worst == int(np.argmin(found.P_d))
+    assert (np.diff(found.P_d) < 0).all()  # letters follow P_d from the largest, whatever the shares
 
 
 def test_each_start_ends_where_it_is_said_to(found):
@@ -63,7 +64,7 @@ def test_permanent_stick_is_one_family():
         "table1", ['parts.motion=["x"]', "shroud.gap=-0.4mm", "friction.mu=1000", "blades.c_x=60", "drive.F_0=5"]
     ).scene
     found = js.attractors(scene, 24, **STEPS)
-    assert found.names == ["family of period 1"]
+    assert found.names == ["A: family of period 1"]
     assert found.share.tolist() == [1.0]
     assert found.P_d_most[0] >= found.P_d_least[0]
 
@@ -92,7 +93,7 @@ def test_a_transient_that_ends_while_it_is_run_on_joins_its_motion(long, monkeyp
     # A free blade whose amplitude falls by e in 68 periods: 576 look aperiodic, thousands do not.
     short = js.load("table1", ['parts.motion=["x"]', "blades.c_x=0.2", "shroud.gap=20mm"]).scene
     found = js.attractors(short, 4, most_periods=64, **STEPS)
-    assert found.names == ["period 1"]
+    assert found.names == ["A: period 1"]
     assert found.undecided == 0
 
 
