@@ -10,10 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
+from jaxshroud.batch.lanes import begin_lanes
 from jaxshroud.batch.limits import check_memory
-from jaxshroud.batch.march_protocol import March
 from jaxshroud.batch.operation_count import TrialSize
-from jaxshroud.batch.periods import Sample, begin_lanes
+from jaxshroud.batch.periods import Sample, sample_of_users
 from jaxshroud.batch.plan import Plan, Runs, Tick, run_log
 from jaxshroud.batch.sampling import MAX_UNKEPT, SAMPLES_PER_BLOCK, SampleGrid
 from jaxshroud.batch.states import carried_state
@@ -29,6 +29,7 @@ from jaxshroud.model.linear import free_components, free_motion, free_oscillatio
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State, prepared_model
 from jaxshroud.model.rhs import Displacements, Means, Moments
+from jaxshroud.model.row import along_blades, at_interface, state_of_row
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.quantities import DISPLACEMENTS
 from jaxshroud.scene.scene import PerBlade, Scene
@@ -158,21 +159,23 @@ def free_runs(
 
     lanes = eqx.tree_at(places, begin_lanes(scenes, states, method), end)
     zeros: Any = np.zeros(np.shape(samples.power[0]))
-    works = dict.fromkeys(("work", "gross", "dropped", "residual", "friction", "viscous", "switched"), zeros)
-    samples = samples._replace(**works)
+    works = dict.fromkeys(("work", "gross", "dropped", "residual", "viscous"), zeros)
+    none = at_interface(zeros)
+    samples = samples._replace(**works, friction=none, switched=none)
     if method.forces:
-        none = ContactLoads._make([zeros] * 4)
-        samples = samples._replace(forces=ContactPeaks(zeros, zeros), loads=none, impacts=Impacts._make([zeros] * 7))
+        samples = samples._replace(
+            forces=ContactPeaks(none, none), loads=ContactLoads._make([none] * 4), impacts=Impacts._make([none] * 7)
+        )
     return jax.tree.map(np.asarray, (samples, lanes))
 
 
-def closed_form_runs(march: March, scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: np.ndarray) -> Runs:
+def closed_form_runs(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: np.ndarray) -> Runs:
     """The runs of lanes (leading axis) without contact."""
     begin = np.where(arrived, plan.phase, 0.0)
     samples, last = free_runs(scenes, states, plan.transient, plan.kept, plan.phase, plan.method, begin)
     ticker(len(arrived) * (plan.transient + plan.kept))
     log = run_log(last)
-    return Runs(march.sample(samples), jax.tree.map(np.zeros_like, log), log, last)
+    return Runs(sample_of_users(samples), jax.tree.map(np.zeros_like, log), log, last)
 
 
 def no_steps(method: Choices) -> None:
@@ -215,21 +218,21 @@ def _closed_form_samples(
         sizes = tuple(in_pairs(largest[..., i]) for i in range(3))
         ends = Motion._make(in_pairs(a[1:]) for a in motion)
         none = jnp.zeros_like(apart)
-        times = ContactTimes._make((apart, none, none))
-        sample = Sample(ends, in_pairs(power), largest=sizes, moments=moments, extent=extent, means=means, times=times)
+        of_blades = Sample(ends, in_pairs(power), largest=sizes, moments=moments, extent=extent)
+        in_contact = at_interface((means, ContactTimes(apart, none, none)))
+        sample = along_blades(of_blades)._replace(means=in_contact[0], times=in_contact[1])
         last = State(Motion._make(a[-1] for a in motion), state.u_s, state.mode, state.case)
         status = free_status(scene, motion, jnp.max(largest[..., 2]))
         sample = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
-        return sample, carried_state(last, prepared_model(scene)), status, times[-1] - times[0]
+        end = state_of_row(carried_state(last, prepared_model(scene)))
+        return sample, end, status, at_interface(times[-1] - times[0])
 
     return jax.vmap(one)(scenes, states, begin)
 
 
-def free_trajectories(
-    march: March, scenes: Scene, states: State, grid: SampleGrid, method: Choices, ticker: Tick
-) -> Trajectories:
+def free_trajectories(scenes: Scene, states: State, grid: SampleGrid, method: Choices, ticker: Tick) -> Trajectories:
     """The trajectories of lanes (leading axis) without contact, which take no steps."""
-    del march, method, ticker
+    del method, ticker
     motion, amplitudes, status = _free_samples(scenes, states.motion, grid)
     shape = motion.x.shape[:2]
     apart, zero = np.zeros(shape, np.int32), np.zeros(shape[0])

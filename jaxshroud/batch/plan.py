@@ -14,6 +14,7 @@ from jaxshroud.march.accumulator import Counters
 from jaxshroud.march.method import Choices
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Status
+from jaxshroud.model.row import at_only_interface
 
 Tick = Callable[[float], None]  # called with the number of lane-periods done, which need not be whole
 Progress = Callable[[float, int], None]  # called with the lane-periods done, to two decimals, and in all; 0: not known
@@ -79,8 +80,8 @@ class RunLog(NamedTuple):
 
 
 def run_log(lanes: Any) -> RunLog:
-    """The log of lanes of pairs or of rows (leading axis), which counts no events that cannot happen."""
-    log, count = lanes.accumulator.log, len(lanes.status)
+    """The log of lanes (leading axis), which counts no events that cannot happen."""
+    log, count = at_only_interface(lanes.accumulator.log), len(lanes.status)
     counters = filled(log.counters, np.zeros(np.shape(log.v_max), np.int32))
     kept = log.v_max, counters, log.within
     return RunLog._make(jax.tree.map(lambda a: np.reshape(a, (count, -1)), kept))

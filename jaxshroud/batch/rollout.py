@@ -12,10 +12,11 @@ from jaxtyping import Array, Int, PyTree
 
 from jaxshroud.batch.differentiable_samples import Schedule, differentiable_samples, trial_counts
 from jaxshroud.batch.flows import Flow, as_differentiable, begin_flow, end_flow, flow_constants
-from jaxshroud.batch.march_protocol import Moment, SampledMoments
-from jaxshroud.batch.marches import march_of, require_march
-from jaxshroud.batch.periods import march_steps
-from jaxshroud.batch.states import as_arrays, initial_states
+from jaxshroud.batch.lanes import lane_models
+from jaxshroud.batch.marches import require_march
+from jaxshroud.batch.periods import march, with_clock_reset
+from jaxshroud.batch.pure_functions import Moment, SampledMoments, sampled_moments
+from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.stopped import (
     Admitted,
     admit,
@@ -118,7 +119,7 @@ def rollout(
     scene, state = _in_method_precision(scene, state, schedule.method)
     require_march(scene, schedule.method)
     begin = admit(scene, state, schedule.steps, schedule.method)
-    return _as_rollout(march_of(scene).pure.moments(begin, schedule), save, begin)
+    return _as_rollout(sampled_moments(begin, schedule), save, begin)
 
 
 def _as_rollout(sampled: SampledMoments, save: Callable[[Moment], PyTree], begin: Admitted) -> Rollout:
@@ -247,9 +248,8 @@ def period_map(
     else:
         most = None if most_trials is None else n_periods * most_trials
         flow = differentiable_samples(begin.scene, begin.start, Schedule(n_periods, steps, steps, how, most))
-        end = jax.tree.map(lambda a: a[-1], flow.state)
-        state = State(as_arrays(end.motion), end.u_s, end.mode, end.case)
-        flow = Flow(state, (jnp.mean(flow.power[0]), jnp.mean(flow.power[1])), flow.status[-1])
+        last = jax.tree.map(lambda a: a[-1], flow)
+        flow = Flow(last.state, jnp.mean(flow.power, axis=0), last.status)
     status = status_if_admitted(flow.status, begin.good)
     state, power = nan_where(status != Status.OK, (flow.state, flow.power))
     return Flow(state, power, status, coarseness=begin.coarseness)
@@ -259,15 +259,17 @@ def _plain_period_map(
     begin: Admitted, n_periods: int, steps_per_period: int, method: Choices, most: int | None
 ) -> Flow:
     """The map as a plain program, which JAX differentiates itself."""
-    lane, model, period = begin_flow(begin.scene, begin.state, method)
+    scenes, states = one_lane((begin.scene, begin.state))
+    model, periods = lane_models(scenes)
     steps = jnp.full((1,), steps_per_period, jnp.int32)
-    fixed = flow_constants(*one_lane((model, period)), steps, method.flat_return)
+    fixed = flow_constants(model, periods, steps, method.flat_return)
 
     def one_period(lanes, _):
-        return march_steps(lanes, fixed, steps, method, vmapped, most_trials=most)
+        lanes = march(lanes, fixed, method, vmapped, most)
+        arrived = lanes.step == steps
+        return with_clock_reset(lanes, arrived), arrived
 
-    lanes, arrived = lax.scan(one_period, one_lane(lane), length=n_periods)
-    flow = end_flow(jax.tree.map(lambda a: a[0], lanes), model, n_periods * period)
+    lanes, arrived = lax.scan(one_period, begin_flow(scenes, states, method, vmapped), length=n_periods)
+    flow = jax.tree.map(lambda a: a[0], end_flow(lanes, model, n_periods * periods, vmapped))
     status = jnp.where((flow.status == Status.OK) & ~jnp.all(arrived), Status.OUT_OF_TRIALS, flow.status)
-    state = State(as_arrays(flow.state.motion), flow.state.u_s, flow.state.mode, flow.state.case)
-    return Flow(state, flow.power, status.astype(flow.status.dtype))
+    return Flow(flow.state, flow.power, status.astype(flow.status.dtype))

@@ -19,7 +19,7 @@ from jaxshroud.batch.periods import lanes_per_call
 from jaxshroud.batch.plan import Plan, Runs, Tick, Ticker, both, completed_runs
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.states import final_states, initial_states
-from jaxshroud.batch.stepped_runs import chunk_by_chunk, select_lanes
+from jaxshroud.batch.stepped_runs import chunk_by_chunk, sampled_motions_of, select_lanes
 from jaxshroud.batch.stretches import Trajectories
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.linear.held_contact import is_linear
@@ -69,12 +69,11 @@ def run_lanes(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: n
         Interrupted: On Ctrl-C; `done` has the lanes that had ended, and the others with status NOT_RUN.
     """
     scenes, states, copies = folded(without_given(scenes), states)
-    march = march_of(scenes)
     arrived = np.zeros(len(scenes.drive.omega), bool) if arrived is None else arrived
     lane_periods = len(scenes.drive.omega) * (plan.transient + plan.kept)
     try:
         with counted("lane-periods", lane_periods) as count:
-            return unfolded_runs(march.run(march, scenes, states, plan, both(count, ticker), arrived), copies)
+            return unfolded_runs(march_of(scenes).run(scenes, states, plan, both(count, ticker), arrived), copies)
     except Interrupted as stopped:
         raise Interrupted(stopped.done and unfolded_runs(stopped.done, copies)) from None
 
@@ -93,9 +92,8 @@ def trajectories(scenes: Scene, states: State, grid: SampleGrid, method: Choices
         Interrupted: On Ctrl-C, without results.
     """
     scenes, states, copies = folded(scenes, states)
-    march = march_of(scenes)
     with counted("steps", len(scenes.drive.omega) * grid.length) as count:
-        marched = march.trajectories(march, scenes, states, grid, method, both(count, ticker))
+        marched = march_of(scenes).trajectories(scenes, states, grid, method, both(count, ticker))
     return unfolded_trajectories(marched, copies)
 
 
@@ -106,7 +104,7 @@ def sampled_motions(scenes: Scene, states: State, grid: SampleGrid, method: Choi
     """
 
     def run(chunk, tick):
-        return march_of(scenes).motions(chunk[0], chunk[1], grid, method, tick)
+        return sampled_motions_of(chunk[0], chunk[1], grid, method, tick)
 
     motions = chunk_by_chunk(run, (scenes, states), lambda _: None, lanes_per_call(scenes.layout))
     return jax.tree.map(lambda a: np.asarray(a, float), motions)

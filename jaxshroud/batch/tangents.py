@@ -15,12 +15,11 @@ import numpy as np
 from jaxshroud.activity import counted
 from jaxshroud.batch.differentiable_samples import Schedule, samples_with_tangents
 from jaxshroud.batch.duals import Dual
-from jaxshroud.batch.flows import flow_with_tangents
+from jaxshroud.batch.flows import begin_flows, end_flows, flow_with_tangents, lanes_per_flow
 from jaxshroud.batch.limits import CallPace, check_memory
-from jaxshroud.batch.marches import march_of
 from jaxshroud.batch.periods import CallLimits, first_passes
 from jaxshroud.batch.plan import Tick
-from jaxshroud.batch.states import by_blade, from_vector, in_scene_precision, initial_states, motion_rows, to_vector
+from jaxshroud.batch.states import from_vector, in_scene_precision, initial_states, motion_rows, to_vector
 from jaxshroud.batch.threads import Check, in_chunks
 from jaxshroud.batch.xla import best_mapping, repeat_lane
 from jaxshroud.march.method import Choices
@@ -42,7 +41,7 @@ def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Choices, tu
     """
     require_steps(scenes.value.parts.contact)
     lanes = len(scenes.value.drive.omega)
-    few, many = march_of(scenes.value).flows.lanes_per_call
+    few, many = lanes_per_flow(scenes.value.layout)
     width = many if lanes > 2 * few else few
     if turns is None and method.amplitudes:  # one program for both
         turns = np.ones(lanes)
@@ -73,10 +72,8 @@ def _run_in_calls(
     counts, lengths = jnp.int32(steps), None
     if turns is not None:
         counts, lengths = jnp.asarray(np.ceil(steps * turns), jnp.int32), jnp.asarray(turns, omega.dtype)
-    march = march_of(scenes.value)
-    program = march.flows
     flat = np.asarray(method.flat_return, omega.dtype)
-    lanes, pace = program.begin(scenes, states, method), CallPace(first_passes(len(omega), layout))
+    lanes, pace = begin_flows(scenes, states, method), CallPace(first_passes(len(omega), layout))
     done, reported = 0, 0.0
     while done < n:
 
@@ -91,7 +88,6 @@ def _run_in_calls(
                 turns=lengths,
                 method=method,
                 each=best_mapping(),
-                kernels=march.kernels,
             )
             return end, int(ended)
 
@@ -100,8 +96,7 @@ def _run_in_calls(
         now = done + (float(np.mean(lanes.value.step) / np.mean(counts)) if done < n else 0.0)
         tick(now - reported)
         reported = now
-    value, slope = map(program.expanded, program.end(scenes, lanes, jnp.int32(n), lengths))
-    return Dual(value, slope)
+    return jax.tree.map(np.asarray, end_flows(scenes, lanes, jnp.int32(n), lengths))
 
 
 def without_direction(states: State) -> Dual:
@@ -321,7 +316,7 @@ def motions_with_tangents(scenes: Dual, states: Dual, schedule: Schedule, wanted
 
 def _sampled_chunk(scenes: Dual, states: Dual, schedule: Schedule, wanted: int) -> SampledMotions:
     flow = samples_with_tangents(scenes, states, schedule, wanted)
-    value, slope = by_blade(jax.tree.map(lambda a: a[:, :wanted], flow))
+    value, slope = jax.tree.map(lambda a: np.asarray(a[:, :wanted]), flow)
     stopped = (value.status != Status.OK)[..., None]
     first = np.concatenate([*states.value.motion], axis=-1), np.concatenate([*states.tangent.motion], axis=-1)
     rows = [motion_rows(flow.state.motion) for flow in (value, slope)]

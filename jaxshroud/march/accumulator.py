@@ -14,7 +14,7 @@ from jaxshroud.model.arithmetic import ZERO, Scalar, Zero, is_zero
 from jaxshroud.model.geometry import is_upper
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model
-from jaxshroud.model.rhs import Displacements, Integrals, Means, position_at
+from jaxshroud.model.rhs import Displacements, Integrals, Means
 from jaxshroud.scene.keys import Motion
 
 EventCount = Int[Array, "..."] | Zero
@@ -199,11 +199,6 @@ class Accumulator(NamedTuple):
             integrals=jax.tree.map(jnp.add, self.integrals, gain),
             jumps=None if self.jumps is None else jax.tree.map(jnp.add, self.jumps, jumps),
         )
-
-
-def left_position_at(z: Motion) -> Means:
-    """The position of the left block."""
-    return position_at(z.x[0], z.y[0], z.theta[0])
 
 
 def half_position(at: Means) -> Means:

@@ -252,7 +252,7 @@ class GuardsAfterEvent(NamedTuple):
 
 
 def guards_after_event(
-    after: Guards, end: Guards, low: Guards, fire: Bool[Array, "..."], kind: Int[Array, "..."], events: Events
+    after: Guards, end: Guards, low: Guards, fire: Any, kind: Any, events: Events
 ) -> GuardsAfterEvent:
     """The guards after the event of number `kind`, if there was one.
 

@@ -114,7 +114,7 @@ def _advanced(start: State, h: OfLanes, weights: Array, slopes: tuple[Any, Any],
         return z + h * jnp.sum(by_stage * k, axis=0)
 
     motion = jax.tree.map(add, start.motion, slopes[0])
-    u_s = add(start.u_s, slopes[1]) if model.interfaces.law.flows else start.u_s
+    u_s = jax.tree.map(add, start.u_s, slopes[1]) if model.interfaces.law.flows else start.u_s
     return State(motion, u_s, start.mode, start.case)
 
 

@@ -127,7 +127,7 @@ def begun_accumulator(nothing: Integrals, state: State, model: RowModel, method:
     at = jax.tree.map(lambda case: jnp.zeros(case.shape, lanes.dtype), state.case)
     log = None if method.derivative else new_row_log(state, at, model, method, each)
     margins = over(each, no_margins, at) if method.margins else None
-    return Accumulator(nothing, EnergyJumps(at, lanes), log, margins)
+    return Accumulator(nothing, EnergyJumps(at, lanes) if method.ledger else None, log, margins)
 
 
 def interface_change(

@@ -64,8 +64,8 @@ from jaxshroud.model.prepared import Model, State, touches_at_corners
 from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.row import (
     RowModel,
-    along_blades,
     alone,
+    along_blades,
     at_interface,
     at_only_interface,
     row_rhs,

@@ -214,8 +214,16 @@ def blended(share: Any, yes: Any, no: Any) -> Any:
 
 def filled(tree: Any, like: Any) -> Any:
     """The `tree` with zeros in place of absent numbers, of the shape and type of `like`."""
-    zeros = np.zeros_like if isinstance(like, np.ndarray) else jnp.zeros_like
-    return jax.tree.map(lambda a: zeros(like) if is_zero(a) else a, tree, is_leaf=is_zero)
+    number = jax.tree.leaves(like)[0]
+    zero = (np.zeros_like if isinstance(number, np.ndarray) else jnp.zeros_like)(number)
+    whole = Unrolled(*[zero] * len(like)) if is_unrolled(like) else zero
+
+    def fill(a: Any) -> Any:
+        if is_unrolled(a):
+            return Unrolled(*(zero if is_zero(one) else one for one in a))
+        return whole if is_zero(a) else a
+
+    return jax.tree.map(fill, tree, is_leaf=lambda a: is_zero(a) or is_unrolled(a))
 
 
 def summed(terms: Iterable[Any]) -> Any:

@@ -374,6 +374,16 @@ def blade_positions(z: Motion) -> Means:
     return position_at(z.x, z.y, z.theta)
 
 
+def of_blades_that_count(tree: Any, model: RowModel) -> Any:
+    """A tree along an axis of blades with those that count: the left one of a pair, all of a row."""
+    return of_left_blade(tree) if model.is_pair else tree
+
+
+def positions_that_count(z: Motion, model: RowModel) -> Means:
+    """The position of each blade that counts."""
+    return over(alone, blade_positions, of_left_blade(z)) if model.is_pair else blade_positions(z)
+
+
 class BladeRates(NamedTuple):
     """The accelerations of one blade, and the rates of its integrals."""
 
@@ -411,7 +421,7 @@ def rates_of_blades(z: Any, wave: Any, R: BladeForces, model: RowModel, recorded
 
 
 def row_rhs(
-    wave: Any, now: State, cluster: Cluster | None, model: RowModel, recorded: Recorded, each: Each
+    wave: Any, now: State, cluster: Cluster | FlatPair | None, model: RowModel, recorded: Recorded, each: Each
 ) -> tuple[StateDerivative, Integrals]:
     """The accelerations of a row and the rates of the `recorded` integrals while modes and cases are fixed.
 
@@ -444,7 +454,7 @@ def row_rhs(
         z = blades.shroud(now.motion)
         first = (z.x, z.y, z.theta)
         moments = Moments(first, jax.tree.map(lambda a: a * a, first))
-    means = of_left_blade(rates.means) if model.is_pair else rates.means
+    means = of_blades_that_count(rates.means, model)
     return StateDerivative(a, effects.u_s), Integrals(rates.power, ledger, moments, effects.loads, means)
 
 
