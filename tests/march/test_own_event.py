@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.periods import begin_lanes
+from jaxshroud.batch.lanes import begin_lanes
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import initial_states

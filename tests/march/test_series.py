@@ -3,6 +3,7 @@
 import itertools
 import math
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,7 +20,7 @@ from jaxshroud.march.carry import Fixed, time_grid
 from jaxshroud.march.events import EVENTS, evaluate_guards
 from jaxshroud.march.extremes import _polynomial_maximum
 from jaxshroud.march.method import Choices, method_as_json, method_from_json
-from jaxshroud.march.stepper import begin_lane
+from jaxshroud.march.stepper import POWER_SERIES
 from jaxshroud.march.tableau import TaylorOptions, tableau
 from jaxshroud.march.taylor_events import first_event, return_length
 from jaxshroud.march.taylor_expansion import per_radian, taylor_expansion
@@ -28,6 +29,7 @@ from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import State, prepared_model
 from jaxshroud.model.rhs import Recorded, mean_square, rhs
+from jaxshroud.model.row import alone, row_of_pair, state_of_row
 from jaxshroud.model.series import Series, polynomial_value, polynomial_value_and_rate
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Contact
@@ -57,7 +59,8 @@ def held(rng: np.random.Generator) -> State:
 def expanded(state: State, scene) -> dict:
     """Numbers by the series `SHORT` after a state, and the same by the right-hand side and the guards there."""
     ready = prepared_model(scene)
-    lane = begin_lane(state, ready, COARSE)
+    row = POWER_SERIES.begin(state_of_row(state), row_of_pair(ready), COARSE, alone)
+    lane = eqx.tree_at(lambda lane: lane.state, row, state)
     start, period = jnp.asarray(0.13), scene.drive.period
     way = taylor_expansion(
         lane, Fixed(ready, time_grid(start, jnp.asarray(100.0), period), jnp.int32(100)), ORDER, True
