@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.batch.lanes import begin_lanes
 from jaxshroud.batch.periods import Clock, Sample, at_start_of_period, one_call, run_block
 from jaxshroud.batch.xla import best_mapping
 from jaxshroud.march.carry import Lane

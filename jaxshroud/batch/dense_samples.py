@@ -53,7 +53,7 @@ class DenseTrial(NamedTuple):
     length: Scalar  # in steps
     whole: Int[Array, ""]  # number of steps that it completed
     done: Scalar  # the part of the next step at its end; never before a sample within the trial
-    after: Sampled  # at its end, after the event there, if any
+    after: Sampled | None  # at its end, after the event there, if any; None where events are not kept
     fired: Bool[Array, ""]
 
 
@@ -73,7 +73,8 @@ def march_with_dense_output(
     first = sampled_now(scenes, lanes, clock, best_mapping(), grid.forces)
     samples, event_states = jax.tree.map(empty, first), [empty_stretch(first)]
     while np.any((left > 0) & (np.asarray(lanes.status) == Status.OK)):
-        (lanes, remaining), trials = _dense_trials(scenes, lanes, clock, left, method, best_mapping(), grid.forces)
+        kept_of_trials = grid.forces, grid.events
+        (lanes, remaining), trials = _dense_trials(scenes, lanes, clock, left, method, best_mapping(), *kept_of_trials)
         ends = done + np.cumsum(np.asarray(trials.whole), axis=1)  # steps of the stretch done after each trial
         reached = ends[:, -1] // apart
         index, at = _trials_of_samples(trials, ends, apart, written, reached)
@@ -170,8 +171,10 @@ def _interpolated(
     return jax.vmap(one_lane)(scenes, trials, index, at)
 
 
-@compiled("method", "each", "forces")
-def _dense_trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choices, each: EachLane, forces: bool):
+@compiled("method", "each", "forces", "events")
+def _dense_trials(
+    scenes: Scene, lanes: Lane, clock: Clock, left, method: Choices, each: EachLane, forces: bool, events: bool
+) -> tuple[tuple[Lane, Any], DenseTrial]:
     """The next trials (lanes, trials); those after the last of the steps `left` (lanes,) are idle."""
     model, period = lane_models(scenes)
     grids, dense = clock.grids(period), stepper_for(method).dense_output
@@ -193,7 +196,7 @@ def _dense_trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choice
             length=tried.length,
             whole=ahead.step - lanes.step,
             done=ahead.search.done,
-            after=sampled(ahead.state, ahead.status, turns_of(ahead, grids), model, each, forces),
+            after=sampled(ahead.state, ahead.status, turns_of(ahead, grids), model, each, forces) if events else None,
             fired=event_fired(lanes, ahead),
         )
         ahead = eqx.tree_at(lambda lanes: lanes.step, ahead, jnp.where(ahead.step == clock.steps, 0, ahead.step))

@@ -241,7 +241,12 @@ def samples_and_tangents(primals: tuple[Scene, State], tangents: Any, schedule: 
     units = tree.unflatten(_unit_directions(leaves, moving, len(along)))
     flows, _ = _run_compiled(*map(Dual._make, zip(lanes, units, strict=True)), schedule=schedule)
     flow, slopes = _first_lane_flow(flows.value), flows.tangent
-    slopes = jax.tree.map(lambda a: jnp.where(flow.status == Status.OK, a, jnp.zeros_like(a)), slopes)
+
+    def of_going(a):
+        going = lax.broadcast_in_dim(flow.status == Status.OK, a.shape, (1,))  # the axis of samples
+        return jnp.where(going, a, jnp.zeros_like(a))
+
+    slopes = jax.tree.map(of_going, slopes)
 
     def slope(a, by):
         return None if by is None else jnp.tensordot(along, by, 1)

@@ -33,7 +33,7 @@ from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.scene.checks import MAX_COUNT, InputError, count_argument
-from jaxshroud.scene.layout import require_capability, require_points
+from jaxshroud.scene.layout import require_points
 from jaxshroud.scene.scene import PerBlade, Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
@@ -78,8 +78,7 @@ def rollout(
     numbers of forward mode.
 
     Args:
-        scene: The scene; under `jax.vmap` many, which are marched together. A row of blades has values, but no
-            derivatives yet.
+        scene: The scene; under `jax.vmap` many, which are marched together.
         state: The initial state; by default that of `scene.initial`, apart.
         n_periods: Drive periods.
         save: What to keep of each sample: a function of a `Moment`, of JAX; by default all of it.
@@ -87,7 +86,7 @@ def rollout(
         method: How to march: a `RungeKutta` or `Taylor` with its number of steps; `method_for` chooses one for an
             accuracy.
         most_trials: Bound on the trial steps of the whole run, see `most_trials`; beyond it the lane stops with status
-            OUT_OF_TRIALS. None: no bound, as of a row.
+            OUT_OF_TRIALS. None: no bound.
 
     Returns:
         The saved samples, `every` so many steps (without the start), the final state, the mean square displacements,
@@ -99,9 +98,8 @@ def rollout(
 
     Raises:
         ValueError: A count is out of range, the scene has leading axes, or float64 is not enabled; a row of blades has
-            no contact, or is to be marched by power series or with a bound of trials.
-        TypeError: It is differentiated twice, but contact has events, whose derivatives are of first order only; or a
-            row of blades is differentiated at all.
+            no contact, or is to be marched by power series.
+        TypeError: It is differentiated twice, but contact has events, whose derivatives are of first order only.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
@@ -161,7 +159,7 @@ def most_trials(
             accuracy.
 
     Raises:
-        ValueError: As for `rollout`; or it is called inside a transformation of JAX, or for a row of blades.
+        ValueError: As for `rollout`; or it is called inside a transformation of JAX.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
@@ -170,7 +168,6 @@ def most_trials(
         >>> 200 < js.most_trials(scene, 1, method=js.RungeKutta(steps=200)) < 600
         True
     """
-    require_capability("`most_trials`", scene.layout)
     require_single_scene("most_trials", scene)
     require_points("most_trials", scene.contact.points)
     schedule = _schedule(n_periods, None, method, MAX_COUNT)
@@ -229,10 +226,9 @@ def period_map(
         (BAD_INPUT).
 
     Raises:
-        ValueError: A count is too small, the scene has leading axes or a row of blades, or float64 is not enabled.
+        ValueError: A count is too small, the scene has leading axes, or float64 is not enabled.
         TypeError: It is differentiated twice, but contact has events, whose derivatives are of first order only.
     """
-    require_capability("`period_map`", scene.layout)
     require_single_scene("period_map", scene)
     require_points("period_map", scene.contact.points)
     count_argument("n_periods", n_periods, 1)

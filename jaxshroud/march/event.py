@@ -240,7 +240,7 @@ def guards_to_begin_with(guards: Guards, events: Events) -> Guards:
     """The guards before the first trial. An event that is only counted does not happen where it begins above zero."""
     value = list(guards.value)
     for kind in only_counted(guards, events):
-        value[kind] = jnp.ones_like(value[kind])
+        value[kind] = jax.tree.map(jnp.ones_like, value[kind])
     return guards._replace(value=tuple(value))
 
 

@@ -1,6 +1,6 @@
 """The location of events: the time inside a step at which a guard crosses zero, and the derivative of that time.
 
-Primitives that raise stand for numbers that JAX must not differentiate, or not once more.
+A primitive that raises stands for numbers that JAX must not differentiate once more.
 """
 
 from typing import Any, NamedTuple, NoReturn
@@ -19,37 +19,25 @@ from jaxshroud.model.arithmetic import Pair, Scalar, is_zero, traced_once, where
 from jaxshroud.scene.typed import Tree
 
 
-def _undifferentiated(name: str, message: str) -> Primitive:
-    """The identity, whose derivative raises a TypeError; a custom rule would be lost in reverse mode."""
-
-    def refuse(primals: object, tangents: object) -> NoReturn:
-        raise TypeError(message)
-
-    one = Primitive(name)
-    one.def_impl(lambda a: a)
-    one.def_abstract_eval(lambda a: a)
-    ad.primitive_jvps[one] = refuse
-    batching.primitive_batchers[one] = lambda args, axes: (one.bind(*args), *axes)
-    mlir.register_lowering(one, lambda _, a: [a])
-    return one
+def _refuse(primals: object, tangents: object) -> NoReturn:
+    raise TypeError(
+        "Derivatives through contact events are of first order only: this motion is differentiated twice. "
+        "Take differences of first derivatives instead, or period_map of contact that is smooth or absent."
+    )
 
 
-_first_order = _undifferentiated(
-    "once",
-    "Derivatives through contact events are of first order only: this motion is differentiated twice. "
-    "Take differences of first derivatives instead, or period_map of contact that is smooth or absent.",
-)
-_value_only = _undifferentiated("values", "Rows of blades have no derivatives yet: take differences of values instead.")
+# The identity, whose derivative raises a TypeError; a custom rule would be lost in reverse mode.
+_first_order = Primitive("once")
+_first_order.def_impl(lambda a: a)
+_first_order.def_abstract_eval(lambda a: a)
+ad.primitive_jvps[_first_order] = _refuse
+batching.primitive_batchers[_first_order] = lambda args, axes: (_first_order.bind(*args), *axes)
+mlir.register_lowering(_first_order, lambda _, a: [a])
 
 
 def first_order_only(tree: Tree) -> Tree:
     """The numbers, for which a further derivative raises a TypeError."""
     return jax.tree.map(_first_order.bind, tree)
-
-
-def values_only(tree: Tree) -> Tree:
-    """The numbers of rows, for which any derivative raises a TypeError."""
-    return jax.tree.map(_value_only.bind, tree)
 
 
 CUBIC_TRIALS = 5  # in one bracket; after these, every other trial bisects it

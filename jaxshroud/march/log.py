@@ -122,7 +122,7 @@ def _penetration_at(state: State, model: Model) -> Scalar:
     return place_contact(state.motion, state, model)[2].v
 
 
-def new_row_log(state: State, at: OfInterfaces, model: RowModel, method: Choices, each: Each) -> Log:
+def new_log(state: State, at: OfInterfaces, model: RowModel, method: Choices, each: Each) -> Log:
     """The log of a row that starts from `state`; `at` are zeros."""
     motion, v = model.blades.shroud(state.motion), penetrations(state, model, each)
     contact = Beginning(None, at, v, model.interfaces)
@@ -133,23 +133,23 @@ def new_row_log(state: State, at: OfInterfaces, model: RowModel, method: Choices
         if not is_unrolled(at):
             return one.start(contact if one.per == "interface" else blades)
         if one.per == "left blade":
-            return over(each, one.start, of_left_blade(blades))
-        return over(each, one.start, contact if one.per == "interface" else blades)
+            return over(alone, one.start, of_left_blade(blades))
+        return over(alone, one.start, contact if one.per == "interface" else blades)
 
     return log_of({one.name: start(one) for one in observables_of(method)})
 
 
-def updated_row_accumulator(
+def updated_accumulator(
     accumulator: Accumulator, trial: AcceptedTrial, model: RowModel, method: Choices, each: Each
 ) -> Accumulator:
     """The accumulator after a trial; margins are kept."""
     accumulator = accumulator.plus(trial.gain, trial.jumps)
     if accumulator.log is None:
         return accumulator
-    return accumulator._replace(log=_updated_row_log(accumulator.log, trial, model, method, each))
+    return accumulator._replace(log=_updated_log(accumulator.log, trial, model, method, each))
 
 
-def _updated_row_log(log: Log, trial: AcceptedTrial, model: RowModel, method: Choices, each: Each) -> Log:
+def _updated_log(log: Log, trial: AcceptedTrial, model: RowModel, method: Choices, each: Each) -> Log:
     shroud, observables = model.blades.shroud, observables_of(method)
     start, end, after = shroud(trial.start.motion), shroud(trial.end), shroud(trial.after)
     contact = InterfaceTrial(trial.h, trial.mode, trial.v, trial.mode == Mode.APART)
@@ -201,7 +201,7 @@ def _updated_each(log: Log, trial: Any, observables: list[Observable], by_series
     return over(each, updated, {name: value_in(log, name) for name in names}, read, trial)
 
 
-def _reset_in_row(one: Observable, before: Any, z: Motion) -> Any:
+def _reset(one: Observable, before: Any, z: Motion) -> Any:
     if not is_unrolled(z.x):
         return one.reset(before, z)
     if one.per == "interface":
@@ -214,5 +214,5 @@ def accumulator_of_new_period(accumulator: Accumulator, z: Motion, method: Choic
     integrals, jumps = jax.tree.map(jnp.zeros_like, (accumulator.integrals, accumulator.jumps))
     log = accumulator.log
     if log is not None:
-        log = log_of({one.name: _reset_in_row(one, value_in(log, one.name), z) for one in observables_of(method)})
+        log = log_of({one.name: _reset(one, value_in(log, one.name), z) for one in observables_of(method)})
     return Accumulator(integrals, jumps, log, accumulator.margins)

@@ -43,11 +43,11 @@ from jaxshroud.march.log import (
     AcceptedTrial,
     lane_after,
     mode_of_smooth_contact,
-    new_row_log,
+    new_log,
     penetrations,
     takers_of_events,
     takers_of_one,
-    updated_row_accumulator,
+    updated_accumulator,
     value_in,
 )
 from jaxshroud.march.method import Choices
@@ -100,7 +100,7 @@ from jaxshroud.model.row import (
 )
 
 
-def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Lane:
+def begin_runge_kutta(state: State, model: RowModel, method: Choices, each: Each) -> Lane:
     """A row at step 0. The first trial has length zero: it sets the guards, and a start in overlap is an onset."""
     lanes = no_time(state)
     count = jnp.zeros(lanes.shape, jnp.int32)
@@ -118,14 +118,14 @@ def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Lan
     if model.interfaces.law.has_events:
         guards = zeros_for(lambda: row_guards(state, (lanes, lanes), model, each, method.all_events))
         guards = guards_to_begin_with(guards, method.all_events)
-    return Lane(state, count, search, guards, begun_accumulator(nothing, state, model, method, each), count)
+    return Lane(state, count, search, guards, new_accumulator(nothing, state, model, method, each), count)
 
 
-def begun_accumulator(nothing: Integrals, state: State, model: RowModel, method: Choices, each: Each) -> Accumulator:
+def new_accumulator(nothing: Integrals, state: State, model: RowModel, method: Choices, each: Each) -> Accumulator:
     """The accumulator of a row that starts from `state`, with its integrals, which are `nothing` so far."""
     lanes = no_time(state)
     at = jax.tree.map(lambda case: jnp.zeros(case.shape, lanes.dtype), state.case)
-    log = None if method.derivative else new_row_log(state, at, model, method, each)
+    log = None if method.derivative else new_log(state, at, model, method, each)
     margins = over(each, no_margins, at) if method.margins else None
     return Accumulator(nothing, EnergyJumps(at, lanes) if method.ledger else None, log, margins)
 
@@ -281,7 +281,7 @@ def _after_trial(
         next_step=step,
         events=change.counted,
     )
-    accumulator = updated_row_accumulator(lane.accumulator, trial, model, method, each)._replace(margins=change.margins)
+    accumulator = updated_accumulator(lane.accumulator, trial, model, method, each)._replace(margins=change.margins)
     limit = most_events(grid, model.turns_by_events) * len(verdict.outcome.hit)
     too_many = next_search.events > limit
     status = status_of(_turned(after, verdict.not_finite, model), verdict.not_finite, too_many)
@@ -389,7 +389,7 @@ def _without_events(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method:
         next_step=step,
         events=_of_events(lane.accumulator.log, method),
     )
-    accumulator = updated_row_accumulator(lane.accumulator, trial, model, method, each)
+    accumulator = updated_accumulator(lane.accumulator, trial, model, method, each)
     lost = ~_is_finite(end.state)
     status = status_of(_turned(end.state, lost, model), lost, no)
     later = Lane(end.state, step, next_search, None, accumulator, status)

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from jaxshroud.march.carry import EachLane, Fixed, Lane, LaneTree
 from jaxshroud.march.method import Choices
-from jaxshroud.march.row_trial import begin_row, row_trial
+from jaxshroud.march.row_trial import begin_runge_kutta, row_trial
 from jaxshroud.march.tableau import TaylorOptions
 from jaxshroud.march.taylor_trial import (
     begin_series,
@@ -54,7 +54,7 @@ class Stepper(NamedTuple):
     """A trial is made by several kernels, and the compiled program serves all tolerances."""
 
 
-RUNGE_KUTTA = Stepper(begin_row, row_trial, None, lambda law: True, large_kernels=False)
+RUNGE_KUTTA = Stepper(begin_runge_kutta, row_trial, None, lambda law: True, large_kernels=False)
 POWER_SERIES = Stepper(
     begin_series,
     taylor_trials,

@@ -33,10 +33,10 @@ from jaxshroud.march.event import any_of, case_switches
 from jaxshroud.march.events import EVENTS, LIFT, happens, number_of
 from jaxshroud.march.extremes import ContactSeries, MotionSeries, deepest_penetration
 from jaxshroud.march.locate import at_event, select
-from jaxshroud.march.log import AcceptedTrial, found_by_series, takers_of_events, updated_row_accumulator, value_in
+from jaxshroud.march.log import AcceptedTrial, found_by_series, takers_of_events, updated_accumulator, value_in
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Ending
-from jaxshroud.march.row_trial import begun_accumulator, no_time
+from jaxshroud.march.row_trial import new_accumulator, no_time
 from jaxshroud.march.taylor_events import (
     TaylorSearch,
     TrialEvent,
@@ -114,7 +114,7 @@ def begin_series(state: State, model: RowModel, method: Choices, each: EachLane)
         tries=count,
         tolerance=zero + method.taylor.tolerance,
     )
-    return Lane(state, count, search, None, begun_accumulator(nothing, state, model, method, each), count)
+    return Lane(state, count, search, None, new_accumulator(nothing, state, model, method, each), count)
 
 
 def taylor_trials(lanes: LaneTree, fixed: LaneTree, method: Choices, each: EachLane) -> LaneTree:
@@ -143,17 +143,15 @@ def update_after_taylor(
     return updated_lanes(update, method, each, lanes, trials, fixed)
 
 
-def trial_and_series(lane: Lane, fixed: Fixed[Model], method: Choices) -> tuple[TaylorTrial, DisplacementSeries]:
+def trial_and_series(row: Lane, constants: Fixed[RowModel], method: Choices) -> tuple[TaylorTrial, DisplacementSeries]:
     """The next trial of a lane, and its displacements as polynomials in radians from the start."""
     order = method.taylor.order
-    lane, fixed = _of_pair(lane, fixed)
+    lane, fixed = _of_pair(row, constants)
     expansion, step = taylor_expansion(lane, fixed, order, method.ledger), RADIANS_PER_TURN * fixed.grid.turn
-    constants, frozen = (
-        (lax.stop_gradient((lane, fixed)), without_derivatives(expansion))
-        if method.derivative
-        else ((lane, fixed), expansion)
-    )
-    event, kind = _trial_event(frozen, *constants, order)
+    if method.derivative:
+        event, kind = _trial_event(without_derivatives(expansion), *lax.stop_gradient((lane, fixed)), order)
+    else:
+        event, kind = _trial_event(expansion, lane, fixed, order)
     s = where(event.reject, 0.0, event.end)
     if method.derivative:
         s = _differentiable_end(expansion, order, event, s, _remaining_angle(lane, fixed))
@@ -228,7 +226,7 @@ def _found_in_trial(
     order, start, (motion, v, u, *_) = method.taylor.order, lane.state, expansion
     onset = (start.mode == Mode.APART) & event.fire & happens(kind, LIFT)
     contact = ContactSeries(v, u, expansion.unit, order, s, start, onset, linear_law(fixed.model.law))
-    blades = [MotionSeries(*of_blade(i, motion), order, s) for i in (0, 1)]
+    blades = [MotionSeries(own, order, s) for own in (of_blade(i, motion)[0] for i in (0, 1))]
     return deepest_penetration(contact), found_by_series(contact, blades, method)
 
 
@@ -293,7 +291,7 @@ def motion_after(displacements: DisplacementSeries, unit: Scalar, s: Scalar) -> 
     return Motion(x=x, y=y, theta=theta, v_x=v_x, v_y=v_y, v_theta=v_theta)
 
 
-def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[Model], method: Choices) -> Lane:
+def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[RowModel], method: Choices) -> Lane:
     """The lane after its `trial`; unchanged if it has arrived or failed."""
     row, event, search = fixed.model, trial.event, lane.search
     own, fixed_pair = _of_pair(lane, fixed)
@@ -311,7 +309,7 @@ def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[Model], method
     transition = change.transition
     ending = Ending(transition, fire, event.inside)
     log = lane.accumulator.log
-    counted = [] if log is None else takers_of_events(method)
+    counted = {} if log is None else {one: value_in(log, one.name) for one in takers_of_events(method)}
     accepted = AcceptedTrial(
         start=lane.state,
         mode=lane.state.mode,
@@ -324,12 +322,10 @@ def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[Model], method
         jumps=EnergyJumps(at_interface(change.jumps.springs), filled(change.jumps.dropped, h)),
         step=lane.step,
         next_step=step,
-        events={
-            one.name: at_interface(one.update(at_only_interface(value_in(log, one.name)), ending)) for one in counted
-        },
+        events={one.name: at_interface(one.update(at_only_interface(a), ending)) for one, a in counted.items()},
         by_series=trial.by_series,
     )
-    accumulator = updated_row_accumulator(lane.accumulator, accepted, row, method, alone)
+    accumulator = updated_accumulator(lane.accumulator, accepted, row, method, alone)
     margins = updated_margins(at_only_interface(accumulator.margins), change, fire, model)
     accumulator = accumulator._replace(margins=at_interface(margins))
     lost, tries = ~is_finite(z), jnp.maximum(next_search.events, next_search.tries)

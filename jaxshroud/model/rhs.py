@@ -282,9 +282,6 @@ def rhs_at(
     return StateDerivative(a, contact.u_s), integrals
 
 
-rhs_once = jax.jit(rhs, static_argnames="recorded", inline=True)  # traced once for all stages
-
-
 def stored_energy(z: Motion, model: Model) -> Scalar:
     """The kinetic energy and the energy of the blades' springs, those between them included [J]."""
     left, right = (blade.twice_energy(own) for own, blade in (of_blade(i, z, model.blades) for i in (0, 1)))

@@ -18,6 +18,7 @@ from jaxshroud.march.carry import Fixed, Lane, running
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import stepper_for
 from jaxshroud.march.tableau import TaylorOptions, tableau
+from jaxshroud.model.row import at_only_interface
 from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.scene import Contact, Drive, Friction, Scene, Shroud
 from jaxshroud.scene.valid import in_precision
@@ -89,7 +90,7 @@ def trials(p: Problem, method: Choices, steps: int) -> tuple[float, float]:
     lanes, made = begin_lanes(scenes, initial_states(scenes), method), jnp.zeros(len(p.gamma), jnp.int32)
     for _ in range(PERIODS):
         lanes, made = period(lanes, made)
-    counters = vars(lanes.accumulator.log.counters)
+    counters = vars(at_only_interface(lanes.accumulator.log.counters))
     events = sum(np.sum(np.asarray(a)) for name, a in counters.items() if name != "grazing")
     return float(np.mean(made)) / PERIODS, float(events) / len(p.gamma) / PERIODS
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.states import initial_states
 from jaxshroud.io.scene_numbers import dimension, key_label
 from jaxshroud.scene.checks import InputError, KeyNameError, SceneError
 from jaxshroud.scene.config import load, parse
@@ -394,8 +393,6 @@ def _verbs():
         "trade": lambda: js.trade(ring),
         "fit": lambda: js.fit(ring, {"t [s]": [0.0, 1e-3], "x_left [m]": [0.0, 1e-6]}, {"drive.omega": (500.0, 600.0)}),
         "method_for": lambda: js.method_for(ring.scene),
-        "period_map": lambda: js.period_map(ring.scene, initial_states(ring.scene)),
-        "most_trials": lambda: js.most_trials(ring.scene),
         "largest_frequency": lambda: js.largest_frequency(ring.scene),
         "check_laws": lambda: js.check_laws(ring.scene),
     }
@@ -403,7 +400,7 @@ def _verbs():
 
 KNOW_ROWS = {
     *("simulate", "sweep", "power", "table", "explain", "check", "diagnose", "rollout"),
-    *("orbit", "gradient", "branch", "response", "tune", "mistune", "scatter", "report"),
+    *("orbit", "gradient", "branch", "response", "tune", "mistune", "scatter", "report", "period_map", "most_trials"),
     *("value_of", "vary", "scenes_from", "stack_scenes"),
 }
 
