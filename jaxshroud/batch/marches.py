@@ -20,7 +20,7 @@ from jaxshroud.march.tableau import Tableau, TaylorOptions
 from jaxshroud.model.prepared import State, law_type
 from jaxshroud.model.spring_contact import NoContact
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.layout import COUPLED_WITHOUT_CONTACT, LIMITED, PAIR, require_steps
+from jaxshroud.scene.layout import COUPLED_WITHOUT_CONTACT, LIMITED, NO_CONTACT, PAIR, require_steps
 from jaxshroud.scene.scene import Scene
 
 
@@ -59,8 +59,8 @@ def require_march(scenes: Scene, method: Choices) -> None:
         raise InputError("Blades with matrices march in rows so far: the pair's kernels know lumped blades.")
     if scenes.is_coupled and law is NoContact:
         raise InputError(COUPLED_WITHOUT_CONTACT)
-    if not is_pair and not law.marches_in_rows:
-        raise InputError(LIMITED[f'`parts.contact` = "{scenes.parts.contact}"'].refusal())
+    if not is_pair and law is NoContact:
+        raise InputError(LIMITED[NO_CONTACT].refusal())
     if not is_pair and stepper is POWER_SERIES:
         raise InputError(LIMITED["the method taylor"].refusal("The method taylor"))
     if not stepper.knows(law):

@@ -30,7 +30,6 @@ class NoContact(LinearLaw):
     """Blocks that pass through each other."""
 
     called: ClassVar[str] = "no contact"
-    marches_in_rows: ClassVar[bool] = False
     is_examined: ClassVar[bool] = True
     has_events: ClassVar[bool] = False
 

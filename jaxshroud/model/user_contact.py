@@ -18,7 +18,6 @@ from jaxshroud.model.geometry import AtPoint, RatesAtPoint
 from jaxshroud.model.modes import Mode
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.laws import FrictionLaw, NormalLaw
-from jaxshroud.scene.layout import require_capability
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 
@@ -70,7 +69,6 @@ class Laws(ContactLaw):
         False
     """
 
-    marches_in_rows: ClassVar[bool] = False
     flows: ClassVar[bool] = True
     relaxes: ClassVar[bool] = True
     jumps_at_onset: ClassVar[bool] = True
@@ -232,11 +230,10 @@ def check_laws(scene: Scene) -> None:
         ...
         jaxshroud.scene.checks.InputError: The normal law gives out more work than it gets (v = 1.1e-05 m, -0.0059 m/s).
     """
-    require_capability("`check_laws`", scene.layout)
     laws = scene.laws
     if not isinstance(laws, Laws):
         raise InputError("This scene has no js.Laws, which `check_laws` takes; see js.with_contact_law.")
-    size, omega = jnp.abs(scene.running_shroud.gap) + 1e-9, scene.drive.omega
+    size, omega = jnp.max(jnp.abs(scene.running_shroud.gap)) + 1e-9, scene.drive.omega
     largest = jnp.zeros_like(omega)
     for frequency in FREQUENCIES:
         cycle = _normal_cycle(laws, size, frequency * omega)
