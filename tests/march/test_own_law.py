@@ -172,8 +172,11 @@ def test_without_the_cubic_term_it_is_the_articles_law(layout):
 @pytest.mark.parametrize("layout", SCENES)
 def test_laws_of_functions_are_the_same_law(layout):
     # Without friction; the class locates events by its own guards, the functions by those of any normal law.
-    scene = with_law(layout, CubicContact, STIFFENING)
-    k, k_3 = float(scene.laws.k), float(scene.laws.k_3)
+    name, changes = SCENES[layout]
+    bending = js.load(name, [*changes, 'parts.motion=["x"]', "contact.gamma=2.5"]).scene
+    k, k_d, mu = (float(np.ravel(a)[0]) for a in (bending.k, bending.friction.k_d, bending.friction.mu))
+    k_3 = STIFFENING * k
+    scene = js.with_contact_law(bending, CubicContact(k, k_3, k_d, mu))
     smooth = eqx.tree_at(lambda s: s.laws.mu, scene, jnp.asarray(0.0))
     functions = js.Laws(lambda v, v_t: (k * v + k_3 * v**3, k * v**2 / 2 + k_3 * v**4 / 4))
     method = js.RungeKutta("dopri8", steps=STEPS)
