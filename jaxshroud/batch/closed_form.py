@@ -47,7 +47,8 @@ class FreeCourse(NamedTuple):
 
 def free_course(scene: Scene, first: Motion, turns: Scalar, t: Float[Array, " n"]) -> FreeCourse:
     """The course of the free blades at times `t` after the motion `first` at a drive phase [turns]."""
-    start, swing = free_components(scene, first, turns), free_oscillations(scene)
+    start = free_components(scene, first, turns)
+    swing = free_oscillations(scene)
     place, rate = free_propagators(scene, t)
     q, w = (jnp.einsum("nbik,bik->nbi", a, start) for a in (place, rate))
     columns = {n: slice(2 * k + 2, 2 * k + 4) for k, n in enumerate(swing.steady)}
@@ -80,7 +81,8 @@ def free_extent(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> tuple
     moments = Moments._make(_in_pairs(jnp.einsum("n,nbi->bi", weights, a)) for a in (inner, inner**2))
     highest = _at_turn(scene, first, turns, t, q, jnp.argmax(q, axis=0))
     lowest = _at_turn(scene, first, turns, t, q, jnp.argmin(q, axis=0))
-    highest, lowest = jnp.maximum(highest, jnp.max(q, axis=0)), jnp.minimum(lowest, jnp.min(q, axis=0))
+    highest = jnp.maximum(highest, jnp.max(q, axis=0))
+    lowest = jnp.minimum(lowest, jnp.min(q, axis=0))
     return moments, DisplacementRange(_in_pairs(highest), _in_pairs(lowest))
 
 
@@ -146,7 +148,9 @@ def free_runs(
         method: Sets the precision and the fields of the result only.
         begin: The drive phase at which the lanes start [rad], one for all or (lanes,).
     """
-    dtype, count, nodes = scenes.drive.omega.dtype, len(scenes.drive.omega), nodes_needed(scenes)
+    dtype = scenes.drive.omega.dtype
+    count = len(scenes.drive.omega)
+    nodes = nodes_needed(scenes)
     check_memory("the closed form of this run", count * (kept + LANE_PERIODS) * nodes * NODE_BYTES)
     turns = jnp.asarray(phase / (2 * math.pi), dtype)
     begin = jnp.broadcast_to(jnp.asarray(np.asarray(begin) / (2 * math.pi), dtype), count)
@@ -252,10 +256,12 @@ def _free_samples(scenes: Scene, first: Motion, grid: SampleGrid) -> tuple[Motio
     motion at the ends of all steps.
     """
     block = max(min(MAX_UNKEPT // len(first.x), SAMPLES_PER_BLOCK), 1)
-    begin, running = grid.length - grid.counted, None
+    begin = grid.length - grid.counted
+    running = None
     at = partial(_free_motions, scenes, first, grid, block)
     last = at(np.zeros(1, int))
-    blocks, largest = [last], [np.abs(getattr(last, name)) for name in DISPLACEMENTS]
+    blocks = [last]
+    largest = [np.abs(getattr(last, name)) for name in DISPLACEMENTS]
     for start in [*range(0, begin, block), *range(begin, grid.length, block)]:
         if start == begin:
             running = RunningAmplitudes(Motion._make(a[:, -1] for a in last), grid.step_lengths(scenes))
@@ -274,7 +280,8 @@ def _free_samples(scenes: Scene, first: Motion, grid: SampleGrid) -> tuple[Motio
 def _free_motions(scenes: Scene, first: Motion, grid: SampleGrid, block: int, steps: np.ndarray) -> Motion:
     """The motions (lanes, steps, 2) after so many steps, at most `block` numbers."""
     dtype = first.x.dtype
-    turns, periods = jnp.asarray(grid.turns, dtype), np.resize(steps, block) / grid.steps
+    turns = jnp.asarray(grid.turns, dtype)
+    periods = np.resize(steps, block) / grid.steps
     motion = _free_block(scenes, first, turns, jnp.asarray(periods, dtype))
     return jax.tree.map(lambda a: np.asarray(a)[:, : len(steps)], motion)
 
@@ -296,7 +303,8 @@ def _free_statuses(scenes: Scene, largest: Motion) -> Int[Array, " lanes"]:
 
 def free_status(scene: Scene, motion: Motion, turned: Scalar) -> Int[Array, ""]:
     """The status of a run with the `motion`, fields (n, 2), and the largest angle `turned` of its blocks [rad]."""
-    free, swing = steady_amplitudes(scene), jnp.stack([motion.x, motion.y, motion.theta])
+    free = steady_amplitudes(scene)
+    swing = jnp.stack([motion.x, motion.y, motion.theta])
     steady = summed(jnp.abs(jnp.stack(amplitudes)) for amplitudes in free.values())
     lost = steady > MAX_CANCELLATION * jnp.max(jnp.abs(swing), axis=1)  # resonance without damping
     finite = jnp.all(jnp.isfinite(swing**2)) & jnp.isfinite(turned) & ~jnp.any(lost)
@@ -317,7 +325,8 @@ def _period_mean_square(scene: Scene, first: Motion, turns: Scalar, nodes: int) 
     """
     place, weights = np.polynomial.legendre.leggauss(nodes)
     dtype = scene.drive.omega.dtype
-    weights, start = jnp.asarray(weights / 2, dtype), free_components(scene, first, turns, from_static=True)
+    weights = jnp.asarray(weights / 2, dtype)
+    start = free_components(scene, first, turns, from_static=True)
     course, _ = free_propagators(scene, jnp.asarray((place + 1) / 2, dtype) * scene.drive.period)
     form = jnp.einsum("n,nbik,nbil->bikl", weights, course[:, :, :2], course[:, :, :2])
     bending = jnp.einsum("bik,bikl,bil->bi", start[:, :2], form, start[:, :2])

@@ -63,15 +63,20 @@ def march_with_dense_output(
     """March lanes (leading axis), with samples inside their trials; `tick` gets the number of further steps."""
     dense = stepper_for(method).dense_output
     assert dense is not None
-    clock, apart, count = grid.clock(scenes, method), stretch.apart, stretch.samples
+    clock = grid.clock(scenes, method)
+    apart = stretch.apart
+    count = stretch.samples
     width = len(lanes.status)
-    left, done, written = np.full(width, stretch.length, np.int32), np.zeros((width, 1), int), np.zeros(width, int)
+    left = np.full(width, stretch.length, np.int32)
+    done = np.zeros((width, 1), int)
+    written = np.zeros(width, int)
 
     def empty(a):
         return np.zeros((width, count, *a.shape[1:]), a.dtype)
 
     first = sampled_now(scenes, lanes, clock, best_mapping(), grid.forces)
-    samples, event_states = jax.tree.map(empty, first), [empty_stretch(first)]
+    samples = jax.tree.map(empty, first)
+    event_states = [empty_stretch(first)]
     while np.any((left > 0) & (np.asarray(lanes.status) == Status.OK)):
         kept_of_trials = grid.forces, grid.events
         (lanes, remaining), trials = _dense_trials(scenes, lanes, clock, left, method, best_mapping(), *kept_of_trials)
@@ -84,7 +89,9 @@ def march_with_dense_output(
         if grid.events:
             event_states.append(_event_states(scenes, trials, stretch.first + ends, grid, clock, dense))
         tick(int(ends[:, -1].min() - done.min()))
-        written, done, left = reached, ends[:, -1:], np.asarray(remaining)
+        written = reached
+        done = ends[:, -1:]
+        left = np.asarray(remaining)
     stopped = jax.tree.map(np.asarray, sampled_now(scenes, lanes, clock, best_mapping(), grid.forces))
     for lane, first in enumerate(written):
         _write_samples(samples, lane, slice(first, count), stopped)
@@ -141,7 +148,8 @@ def _samples_at(
     forces: bool,
 ) -> Sampled:
     """The samples of the lanes `at` so many steps from the starts of trials (lanes, evaluations)."""
-    count, blocks = index.shape[1], []
+    count = index.shape[1]
+    blocks = []
     for begin in range(0, max(count, 1), EVALUATIONS_PER_CALL):
         some = np.minimum(np.arange(begin, begin + EVALUATIONS_PER_CALL), max(count - 1, 0))
         indices, steps = (
@@ -177,7 +185,8 @@ def _dense_trials(
 ) -> tuple[tuple[Lane, Any], DenseTrial]:
     """The next trials (lanes, trials); those after the last of the steps `left` (lanes,) are idle."""
     model, period = lane_models(scenes)
-    grids, dense = clock.grids(period), stepper_for(method).dense_output
+    grids = clock.grids(period)
+    dense = stepper_for(method).dense_output
     assert dense is not None
 
     def one(carry):
@@ -211,19 +220,22 @@ def _scan_in_columns(one: Callable[[Any], tuple[Any, Any]], carry: Any, length: 
     The outputs of a turn, arrays (lanes, ...), leave it as one array of each type: to store some hundred small arrays
     takes longer than a trial.
     """
-    structure, like = None, []
+    structure = None
+    like = []
 
     def turn(carry, _):
         nonlocal structure, like
         carry, output = one(carry)
         leaves, structure = jax.tree.flatten(output)
-        like, columns = [(str(a.dtype), a.shape[1:]) for a in leaves], {}
+        like = [(str(a.dtype), a.shape[1:]) for a in leaves]
+        columns = {}
         for leaf, (kind, _) in zip(leaves, like, strict=True):
             columns.setdefault(kind, []).append(leaf.reshape(len(leaf), -1))
         return carry, {kind: jnp.concatenate(group, axis=1) for kind, group in columns.items()}
 
     carry, joined = lax.scan(turn, carry, None, length=length)
-    leaves, first = [], dict.fromkeys(joined, 0)
+    leaves = []
+    first = dict.fromkeys(joined, 0)
     for kind, shape in like:
         end = first[kind] + math.prod(shape)
         column = jnp.moveaxis(joined[kind][..., first[kind] : end], 0, 1)

@@ -240,7 +240,8 @@ def samples_and_tangents(primals: tuple[Scene, State], tangents: Any, schedule: 
     lanes = jax.tree.map(lambda a: jnp.broadcast_to(a, (len(along), *jnp.shape(a))), tree.unflatten(leaves))
     units = tree.unflatten(_unit_directions(leaves, moving, len(along)))
     flows, _ = _run_compiled(*map(Dual._make, zip(lanes, units, strict=True)), schedule=schedule)
-    flow, slopes = _first_lane_flow(flows.value), flows.tangent
+    flow = _first_lane_flow(flows.value)
+    slopes = flows.tangent
 
     def of_going(a):
         going = lax.broadcast_in_dim(flow.status == Status.OK, a.shape, (1,))  # the axis of samples
@@ -267,7 +268,8 @@ def _first_lane_flow(flow: Flow) -> Flow:
 
 def _unit_directions(leaves: list[Any], moving: list[bool], count: int) -> list[Any]:
     """The parts, leaf by leaf, of `count` unit directions (leading axis) along the leaves that are `moving`."""
-    units, done = [], 0
+    units = []
+    done = 0
     for leaf, moves in zip(leaves, moving, strict=True):
         if not jnp.issubdtype(jnp.result_type(leaf), jnp.floating):
             units.append(None)

@@ -163,7 +163,8 @@ def forces_of_users(state: State, turns: Any, model: RowModel, each: EachLane) -
     forces = row_contact_forces(state, each(sincos_turns, turns), model, each)
     axis = -2
     if model.is_pair:
-        forces, axis = at_only_interface(forces), -1
+        forces = at_only_interface(forces)
+        axis = -1
     points = stacked_point_forces(forces.points, jnp.zeros_like(forces.v), axis)
     forces = forces._replace(N=filled(forces.N, forces.v), F=filled(forces.F, forces.v), points=points)
     return forces if model.is_pair else lanes_first(forces)
@@ -184,7 +185,8 @@ def canonical(state: State, model: RowModel, each: EachLane) -> State:
     """
     motion, u_s = state.motion, state.u_s
     if model.turns_by_events:
-        cluster, flat = clusters(state.case, model), any_along(state.case == FLAT)
+        cluster = clusters(state.case, model)
+        flat = any_along(state.case == FLAT)
 
         def level(a):
             return where(flat, cluster.mean(a), a)

@@ -54,7 +54,9 @@ def march_of(scenes: Scene) -> March:
 def require_march(scenes: Scene, method: Choices) -> None:
     """Raise InputError unless the march of scenes and the stepper of the method know their contact and each other."""
     require_steps(scenes.parts.contact)
-    stepper, law, is_pair = stepper_for(method), law_type(scenes), scenes.layout == PAIR
+    stepper = stepper_for(method)
+    law = law_type(scenes)
+    is_pair = scenes.layout == PAIR
     if is_pair and scenes.blade_matrices is not None:
         raise InputError("Blades with matrices march in rows so far: the pair's kernels know lumped blades.")
     if scenes.is_coupled and law is NoContact:

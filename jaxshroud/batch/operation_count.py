@@ -86,5 +86,6 @@ def _first_trial(scene: Scene, method: Choices) -> tuple[Lane, Fixed]:
     """The arguments of the first trial step, lanes last."""
     scenes = one_lane(scene)
     model, period = lane_models(scenes)
-    lanes, stop = lanes_at_start(initial_states(scenes), model, method, vmapped), jnp.ones((1,), jnp.int32)
+    lanes = lanes_at_start(initial_states(scenes), model, method, vmapped)
+    stop = jnp.ones((1,), jnp.int32)
     return lanes, Fixed(model, time_grid(jnp.zeros_like(period), stop.astype(period.dtype), period), stop)

@@ -106,7 +106,8 @@ def sample_of_users(sample: Sample) -> Sample:
     def total(a):
         return None if a is None else a.sum(axis=-1)
 
-    in_all, arrays = is_unrolled(sample.power), stacked(jax.tree.map(np.asarray, sample))
+    in_all = is_unrolled(sample.power)
+    arrays = stacked(jax.tree.map(np.asarray, sample))
     if in_all:
         return arrays
     return arrays._replace(work=total(arrays.work), gross=total(arrays.gross), viscous=total(arrays.viscous))
@@ -222,7 +223,8 @@ def end_period(
     astray = jnp.zeros_like(period, bool)
     works: dict[str, Any] = {}
     if gain.ledger is not None:
-        ledger, jumps = ledger_of(accumulator), accumulator.jumps
+        ledger = ledger_of(accumulator)
+        jumps = accumulator.jumps
         assert jumps is not None  # they are kept with it
         residual = residual_of_energy(accumulator, stored - stored_before)
         works = {"work": ledger.drive, "gross": ledger.gross, "viscous": ledger.viscous, "friction": ledger.friction}

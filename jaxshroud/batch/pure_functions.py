@@ -77,7 +77,8 @@ def sampled_moments(begin: Admitted, schedule: Schedule) -> SampledMoments:
 
 def sample_times(begin: Admitted, schedule: Schedule) -> tuple[Float[Array, " samples"], Float[Array, " samples"]]:
     """The times [s] of samples, and the phases of the drive there [turns]."""
-    index, steps = np.arange(1, schedule.samples + 1) * schedule.every, schedule.steps
+    index = np.arange(1, schedule.samples + 1) * schedule.every
+    steps = schedule.steps
     period = nan_where(~begin.good, begin.scene.drive.period)
     turns = jnp.asarray(index % steps / steps, period.dtype)
     return period * jnp.asarray(index / steps, turns.dtype), turns

@@ -122,7 +122,8 @@ def rollout(
 
 def _as_rollout(sampled: SampledMoments, save: Callable[[Moment], PyTree], begin: Admitted) -> Rollout:
     """The result of sampled moments, with NaN once the lane has stopped."""
-    moments, stopped = sampled.moments, sampled.status != Status.OK
+    moments = sampled.moments
+    stopped = sampled.status != Status.OK
     lost = eqx.tree_at(_of_motion, moments, nan_where(stopped, _of_motion(moments)))
     kept = eqx.tree_at(_of_motion, moments, distinct_where(stopped, _of_motion(moments)))
     saved = where_going(stopped, jax.vmap(save)(kept), jax.vmap(save)(lost))

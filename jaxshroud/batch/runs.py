@@ -178,7 +178,8 @@ def continued_runs(
             runs[i] = stopped.done
             raise Interrupted(completed_runs(runs, concatenate)) from None
         arrived = run.last.status == Status.OK  # a lane that has stopped starts afresh
-        relay.state, relay.arrived = select_lanes(arrived, final_states(run.last.state), fresh), arrived
+        relay.state = select_lanes(arrived, final_states(run.last.state), fresh)
+        relay.arrived = arrived
         if relay.history is not None:
             relay.history.append(SweepHandover(relay.state, relay.arrived))
     return concatenate(runs)
@@ -198,7 +199,8 @@ def folded(scenes: Scene, states: State) -> Folded:
         return Folded(scenes, states, 1)
     if is_linear(scenes):  # closed forms are folded themselves
         return Folded(scenes, states, 1)
-    blades, n = scenes.layout.blades, sector_blades(scenes)
+    blades = scenes.layout.blades
+    n = sector_blades(scenes)
     if n == blades or not _repeat_after(n, states):
         return Folded(whole_ring(scenes), states, 1)
     return Folded(smaller_ring(scenes, n), jax.tree.map(lambda a: a[:, :n], states), blades // n)
@@ -247,7 +249,8 @@ def unfolded_runs(runs: Runs, copies: int) -> Runs:
     """The runs of so many copies of a ring as one."""
     if copies == 1:
         return runs
-    samples, log = _tiled(runs.samples, copies, 2), (_tiled(part, copies, 1) for part in (runs.before, runs.log))
+    samples = _tiled(runs.samples, copies, 2)
+    log = (_tiled(part, copies, 1) for part in (runs.before, runs.log))
     totals = {name: getattr(samples, name) for name in TOTALS_OF_PERIODS}
     samples = samples._replace(**{name: None if a is None else copies * a for name, a in totals.items()})
     before, after = log

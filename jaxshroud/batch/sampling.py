@@ -57,7 +57,8 @@ class SampleGrid(NamedTuple):
         The march is the same whatever is kept: samples never lie further apart than they divide the period, and each
         of the steps that count has one. Where not all samples are kept, a part is as short as memory wants.
         """
-        before, parts = self.length - self.counted, []
+        before = self.length - self.counted
+        parts = []
         for begin, end, apart in ((0, before, math.gcd(self.every, self.steps)), (before, self.length, 1)):
             periods = max(MAX_UNKEPT * apart // (lanes * self.steps), 1)
             longest = max(end - begin, 1) if apart == self.every else periods * self.steps
@@ -112,7 +113,8 @@ def march_by_steps(
     scenes: Scene, lanes: Lane, stretch: Stretch, grid: SampleGrid, method: Choices, tick: Callable[[int], None]
 ) -> SampledMarch:
     """March lanes (leading axis) with samples at the ends of steps; `tick` gets the number of further steps."""
-    clock, each = grid.clock(scenes, method), best_mapping()
+    clock = grid.clock(scenes, method)
+    each = best_mapping()
 
     def block(interim: Interim, limits: CallLimits) -> tuple[Interim, Any, Sampled]:
         return _block_of_samples(scenes, interim, clock, jnp.int32(stretch.apart), limits, method, each, grid.forces)
@@ -145,7 +147,8 @@ def sampled_in_calls(
     Returns:
         What lies after the last call, and the samples (lanes, samples, ...).
     """
-    blocks, done = [], 0
+    blocks = []
+    done = 0
     while done < stretch.samples:
 
         def call(passes: np.int32, left: int = stretch.samples - done, interim: Any = interim) -> Any:
@@ -196,11 +199,16 @@ def march_by_trials(
 
     The steps must end trials, as with a stepper without dense output.
     """
-    clock, left, done, samples, events = grid.clock(scenes, method), np.int32(stretch.length), stretch.first, [], []
+    clock = grid.clock(scenes, method)
+    left = np.int32(stretch.length)
+    done = stretch.first
+    samples = []
+    events = []
     while left and int(np.asarray(lanes.status)[0]) == Status.OK:
         (lanes, remaining), trials = _event_trials(scenes, lanes, clock, left, method, best_mapping(), grid.forces)
         trials = jax.tree.map(lambda a: np.moveaxis(np.asarray(a), 0, 1), trials)
-        arrived, fired = trials.arrived[0], np.repeat(trials.fired[0], 2)
+        arrived = trials.arrived[0]
+        fired = np.repeat(trials.fired[0], 2)
         ends = done + np.cumsum(arrived)  # steps done after each trial
         wanted = arrived & ((ends - stretch.first) % stretch.apart == 0)
         samples.append(jax.tree.map(lambda a, wanted=wanted: a[:, wanted], trials.after))
@@ -214,7 +222,8 @@ def march_by_trials(
             )
         )
         tick(int(ends[-1]) - done)
-        done, left = int(ends[-1]), remaining
+        done = int(ends[-1])
+        left = remaining
     missing = stretch.samples - sum(block.state.case.shape[1] for block in samples)
     last = sampled_now(scenes, lanes, clock, best_mapping(), grid.forces)
     if missing:  # the lane has stopped
@@ -252,7 +261,8 @@ class _SampledTrial(NamedTuple):
 def _event_trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choices, each: EachLane, forces: bool):
     """The next trials that ended a step or at an event; those after the last of the steps `left` are idle."""
     model, period = lane_models(scenes)
-    grids, trial = clock.grids(period), stepper_for(method).trial
+    grids = clock.grids(period)
+    trial = stepper_for(method).trial
 
     def one(carry, _):
         lanes, left = carry
@@ -265,7 +275,8 @@ def _event_trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choice
             return jnp.any(~(event_fired(*pair) | _step_ended(*pair)) & running(pair[1], fixed.stop))
 
         before, ahead = lax.while_loop(idle, lambda pair: (pair[1], once(pair[1])), (lanes, once(lanes)))
-        into, end = before.search.done + before.search.length, step_of_trial(before, fixed, method, each)
+        into = before.search.done + before.search.length
+        end = step_of_trial(before, fixed, method, each)
         turns = turns_of(before, grids) + before.search.length * grids.turn
         trials = _SampledTrial(
             sampled(end.state, before.status, turns, model, each, forces),
@@ -302,7 +313,8 @@ def turns_of(lanes: Lane, grids: TimeGrid) -> Float[Array, " lanes"]:
 @compiled("each", "forces")
 def sampled_now(scenes: Scene, lanes: Lane, clock: Clock, each: EachLane, forces: bool) -> Sampled:
     """The sample of lanes (leading axis) where they are; NaN once a lane has stopped."""
-    (model, period), lanes = lane_models(scenes), lanes_last(lanes)
+    model, period = lane_models(scenes)
+    lanes = lanes_last(lanes)
     return sampled(lanes.state, lanes.status, turns_of(lanes, clock.grids(period)), model, each, forces)
 
 
@@ -310,8 +322,10 @@ def sampled_now(scenes: Scene, lanes: Lane, clock: Clock, each: EachLane, forces
 def sampled_once_begun(scenes: Scene, lanes: Lane, clock: Clock, each: EachLane, forces: bool) -> Sampled:
     """The sample of lanes (leading axis) at their start once all has happened that happens at that instant."""
     model, period = lane_models(scenes)
-    lanes, turns = lanes_last(lanes), clock.grids(period).start
-    wave, now = each(sincos_turns, turns), lanes.state
+    lanes = lanes_last(lanes)
+    turns = clock.grids(period).start
+    wave = each(sincos_turns, turns)
+    now = lanes.state
 
     def at_interface(torque: Any, now: State, start: State, model: Any) -> tuple[Any, Any, Any]:
         after = next_at_start(now, start, interface_view(torque, now, model), model)

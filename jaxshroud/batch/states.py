@@ -65,7 +65,8 @@ def states_apart(scenes: Scene, motion: Motion) -> State:
     """The states of scenes (leading axis) with a motion, apart: where blocks overlap, contact begins at once."""
     like = jnp if is_traced(scenes) else np
     one = scenes.friction.mu  # at each interface
-    nothing, points = like.zeros_like(one, np.int32), scenes.contact.points
+    nothing = like.zeros_like(one, np.int32)
+    points = scenes.contact.points
     if points is None:
         return State(motion, like.zeros_like(one, motion.x.dtype), nothing, nothing)
     shape = (*np.shape(one), points.number)

@@ -271,7 +271,8 @@ def energy_balance(accumulator: Accumulator, gained: np.ndarray) -> EnergyBalanc
     if accumulator.integrals.ledger is None:
         return None
     assert accumulator.jumps is not None  # they are kept with it
-    works, of_blades = at_only_interface(ledger_of(accumulator)), {}
+    works = at_only_interface(ledger_of(accumulator))
+    of_blades = {}
     if np.ndim(works.drive) > 1:
         of_blades = {"blade_work_drive": np.asarray(works.drive), "blade_loss_viscous": np.asarray(works.viscous)}
         works = Ledger._make(np.asarray(a).sum(axis=-1) for a in works)._replace(friction=works.friction)

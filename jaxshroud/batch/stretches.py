@@ -66,8 +66,11 @@ class RunningAmplitudes:
         """`first` is the sample that the next ones follow at `interval` [s], (lanes,); fields (lanes, blades)."""
         self._h = interval[:, None, None, None]
         q, rate = _displacements(Motion._make(a[:, None] for a in first))
-        self._origin, self._last = q[:, 0], (q, rate)
-        self._count, self._sum, self._squares = 0, np.zeros_like(q[:, 0]), np.zeros_like(q[:, 0])
+        self._origin = q[:, 0]
+        self._last = (q, rate)
+        self._count = 0
+        self._sum = np.zeros_like(q[:, 0])
+        self._squares = np.zeros_like(q[:, 0])
         self._highest, self._lowest = np.full_like(q[:, 0], -np.inf), np.full_like(q[:, 0], np.inf)
 
     def add(self, motion: Motion) -> None:
@@ -83,13 +86,16 @@ class RunningAmplitudes:
             return a.reshape(*a.shape[:2], -1)
 
         with np.errstate(invalid="ignore", over="ignore"):  # of a motion that has overflowed
-            away, slope = q - self._origin[:, None], rate * self._h
+            away = q - self._origin[:, None]
+            slope = rate * self._h
             self._sum += n * cubic_mean(away, rate, self._h)
             self._squares += n * cubic_mean(away**2, 2 * away * rate, self._h)
             top = hermite_largest(columns(away), columns(slope)).reshape(self._sum.shape)
             bottom = -hermite_largest(columns(-away), columns(-slope)).reshape(self._sum.shape)
-        self._highest, self._lowest = np.maximum(self._highest, top), np.minimum(self._lowest, bottom)
-        self._last, self._count = (q[:, -1:], rate[:, -1:]), self._count + n
+        self._highest = np.maximum(self._highest, top)
+        self._lowest = np.minimum(self._lowest, bottom)
+        self._last = (q[:, -1:], rate[:, -1:])
+        self._count = self._count + n
 
     @property
     def amplitudes(self) -> SampledAmplitudes:
@@ -149,7 +155,9 @@ def march_in_stretches(
         first: The first sample.
         grid: The time grid, and what is kept.
     """
-    blocks, events, running = [jax.tree.map(lambda a: np.asarray(a)[:, None], first)], [], None
+    blocks = [jax.tree.map(lambda a: np.asarray(a)[:, None], first)]
+    events = []
+    running = None
     for stretch in grid.stretches(len(lanes.status)):
         counts = stretch.first >= grid.length - grid.counted
         if counts and running is None:
@@ -171,7 +179,8 @@ def values_by_name(samples: Sampled) -> dict[str, Any]:
     states, forces = samples
     assert forces is not None  # results have them
     of_face = {name: a for name, a in forces._replace(points=ZERO)._asdict().items() if not is_zero(a)}
-    slider, states_of_points = np.where(states.mode == Mode.APART, np.nan, states.u_s), {}
+    slider = np.where(states.mode == Mode.APART, np.nan, states.u_s)
+    states_of_points = {}
     if not is_zero(forces.points):
         of_each = {"mode": states.mode, "u_s": slider, **forces.points._asdict()}
         states_of_points = {f"point_{name}": a for name, a in of_each.items()}

@@ -123,7 +123,8 @@ def _run_sweep(scenes: Scene, states: State, plan: SweepPlan, method: Choices) -
         return lane_outcomes(chunk[0], chunk[1], plan)
 
     outcomes = _by_chunks(run, (scenes, states), len(scenes.drive.omega))
-    stopped, counting = outcomes.status != Status.OK, scenes.layout.counting
+    stopped = outcomes.status != Status.OK
+    counting = scenes.layout.counting
     within = replaced_where(stopped, scenes, 1.0)  # without numbers out of all bounds
     A, P_0 = jax.vmap(lambda scene: (area(scene.shroud), free_power(scene)))(within)
     square, means = replaced_where(stopped, (outcomes.power, jnp.stack(outcomes.means, axis=1)), 0.0)

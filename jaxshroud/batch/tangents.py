@@ -69,11 +69,13 @@ def _run_in_calls(
     `tick` is called after each with the number of periods that it made, parts of one included.
     """
     omega, layout = scenes.value.drive.omega, scenes.value.layout
-    counts, lengths = jnp.int32(steps), None
+    counts = jnp.int32(steps)
+    lengths = None
     if turns is not None:
         counts, lengths = jnp.asarray(np.ceil(steps * turns), jnp.int32), jnp.asarray(turns, omega.dtype)
     flat = np.asarray(method.flat_return, omega.dtype)
-    lanes, pace = begin_flows(scenes, states, method), CallPace(first_passes(len(omega), layout))
+    lanes = begin_flows(scenes, states, method)
+    pace = CallPace(first_passes(len(omega), layout))
     done, reported = 0, 0.0
     while done < n:
 
@@ -158,7 +160,9 @@ class TangentProblem(NamedTuple):
     @property
     def duals(self) -> tuple[Dual, Dual]:
         """The scenes and the states of its lanes."""
-        lanes, state, scene = self.lanes, in_scene_precision(self.state, self.scene), without_given(self.scene)
+        lanes = self.lanes
+        state = in_scene_precision(self.state, self.scene)
+        scene = without_given(self.scene)
         still = [jax.tree.map(np.zeros_like, scene)] * (lanes - len(self.directions))
         along = jax.tree.map(lambda *a: np.stack(a), *still, *self.directions)
         size = scene.state_size
@@ -169,8 +173,10 @@ class TangentProblem(NamedTuple):
 
     def tangents(self, flows: Dual) -> Tangents:
         """The tangents from the flow of its lanes."""
-        (value, slope), end = flows, jax.tree.map(lambda a: a[0], end_as_start(flows).value)
-        by, count = to_vector(slope.state), self.by_start
+        value, slope = flows
+        end = jax.tree.map(lambda a: a[0], end_as_start(flows).value)
+        by = to_vector(slope.state)
+        count = self.by_start
         power_by = np.ascontiguousarray(slope.power.T)
         found = Tangents(
             end=end,
@@ -249,7 +255,9 @@ def direction(scene: Scene, key: str) -> Scene:
 
     Numbers that are worked out from it move with it. What the scenes are given by is left out.
     """
-    (row, place), numbers, given = find_key(key, layout=scene.layout), numbers_of(scene), given_of(scene)
+    row, place = find_key(key, layout=scene.layout)
+    numbers = numbers_of(scene)
+    given = given_of(scene)
     holder = given if row.name in DERIVED_BY_KEY else numbers
     old = holder[row.name]
     unit = np.ones(()) if place is None else np.eye(number_shape(row, scene.layout)[0])[place]

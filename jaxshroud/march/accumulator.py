@@ -48,7 +48,8 @@ def count_event(counters: Counters, ending: Ending) -> Counters:
     turn, height = happens(kind, TURN), happens(kind, HEIGHT)
     case, previous = transition.after.case, transition.before.case
     onset_flat, end_flat = (case == FLAT) & (previous != FLAT), (previous == FLAT) & (turn | height)
-    outer, corners = (case == 1) | (case == 4), ~onset_flat & ~end_flat
+    outer = (case == 1) | (case == 4)
+    corners = ~onset_flat & ~end_flat
     occurred = dict(
         onset_slip=onset & (mode != Mode.STICK),
         onset_stick=onset & (mode == Mode.STICK),
@@ -69,9 +70,11 @@ def count_event(counters: Counters, ending: Ending) -> Counters:
 
 def _count_at_points(counters: Counters, ending: Ending) -> Counters:
     """`count_event` of several points: the sums over all of them."""
-    (transition, fired, inside), counted = ending, dict.fromkeys(Counters.__annotations__, 0)
+    transition, fired, inside = ending
+    counted = dict.fromkeys(Counters.__annotations__, 0)
     for before, after in zip(transition.before.mode, transition.after.mode, strict=True):
-        onset, stick = fired & (before == Mode.APART) & (after != Mode.APART), after == Mode.STICK
+        onset = fired & (before == Mode.APART) & (after != Mode.APART)
+        stick = after == Mode.STICK
         held, slid = fired & (before == Mode.STICK), fired & (before != Mode.APART) & (before != Mode.STICK)
         occurred = dict(
             onset_slip=onset & ~stick,

@@ -99,7 +99,8 @@ def _flat_contact_position(at: Kinematics, torque: EndTorques, model: Model) -> 
 
     The torque on theta_1 - theta_2 is linear along the overlap, whose ends are the corners d and a, or b and c.
     """
-    l_ab, along = model.block.l_ab, _offset_along_face(at)
+    l_ab = model.block.l_ab
+    along = _offset_along_face(at)
     low = -l_ab / 2 - where(at.height > 0, 0.0, along)
     high = l_ab / 2 - where(at.height > 0, along, 0.0)
     apart = torque.lower - torque.upper

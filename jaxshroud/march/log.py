@@ -124,7 +124,8 @@ def _penetration_at(state: State, model: Model) -> Scalar:
 
 def new_log(state: State, at: OfInterfaces, model: RowModel, method: Choices, each: Each) -> Log:
     """The log of a row that starts from `state`; `at` are zeros."""
-    motion, v = model.blades.shroud(state.motion), penetrations(state, model, each)
+    motion = model.blades.shroud(state.motion)
+    v = penetrations(state, model, each)
     contact = Beginning(None, at, v, model.interfaces)
     zero = jax.tree.map(jnp.zeros_like, motion.x)
     blades = Beginning(motion, zero, zero, None)
@@ -150,7 +151,8 @@ def updated_accumulator(
 
 
 def _updated_log(log: Log, trial: AcceptedTrial, model: RowModel, method: Choices, each: Each) -> Log:
-    shroud, observables = model.blades.shroud, observables_of(method)
+    shroud = model.blades.shroud
+    observables = observables_of(method)
     start, end, after = shroud(trial.start.motion), shroud(trial.end), shroud(trial.after)
     contact = InterfaceTrial(trial.h, trial.mode, trial.v, trial.mode == Mode.APART)
     blades = BladeTrial(start, end, after, trial.h, trial.step, trial.next_step)

@@ -130,7 +130,8 @@ class RowCrossing(NamedTuple):
 
 def one_after_the_other(crossing: RowCrossing, lane: Lane, place: Any, h: OfLanes, method: Choices) -> RowCrossing:
     """The crossing of the event at `place` alone, in a step of `h` seconds, with those that are left."""
-    search, here = lane.search, is_place(place, crossing.fires)
+    search = lane.search
+    here = is_place(place, crossing.fires)
     assert search.pending is not None
     moves = search.length > 0
     first, eligible = crossing.fires & here, crossing.fires & (search.pending | moves)
@@ -153,7 +154,8 @@ def differentiable_event_end(
 
     The slopes are those of the step by its own length, so that what is computed is differentiated exactly.
     """
-    ends, length = any_along(crossing.fires) & crossing.is_root, lane.search.length
+    ends = any_along(crossing.fires) & crossing.is_root
+    length = lane.search.length
 
     def still():
         return (end, length)

@@ -154,7 +154,8 @@ def interface_change(
         model = eqx.tree_at(lambda m: m.mobility.joint, model, joint)
     view = interface_view(torque, start, model, method.all_events)
     rocks = None if turns is None else turns >= most_turns(grid)
-    soon, events = grid.flat * grid.h, method.all_events
+    soon = grid.flat * grid.h
+    events = method.all_events
     change = change_at(view, start.motion, start, fire, kind, delay, soon, model, rocks, events)
     now = change.transition.after
     u_s, mode, case = select(fire, (now.u_s, now.mode, now.case), (start.u_s, start.mode, start.case))
@@ -336,7 +337,9 @@ def _as_flat(state: State, becomes_flat: FlagOfInterfaces, model: RowModel, each
     """
     if not model.turns_by_events:
         return state, no_time(state)
-    z, cluster, now = state.motion, clusters(state.case, model), any_along(becomes_flat)
+    z = state.motion
+    cluster = clusters(state.case, model)
+    now = any_along(becomes_flat)
 
     def as_one(a):
         return where(now, cluster.mean(a), a)
@@ -370,7 +373,8 @@ def _turned(state: State, lost: Bool[Array, "..."], model: RowModel) -> Bool[Arr
 
 def _without_events(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method: Choices, each: Each) -> Lane:
     """The rows after a trial of smooth contact, which is accepted in any case."""
-    model, active = fixed.model, running(lane, fixed.stop)
+    model = fixed.model
+    active = running(lane, fixed.stop)
     h = trial_interval(lane, fixed.grid).h
     no = jnp.zeros_like(active)
     v = penetrations(end.state, model, each)

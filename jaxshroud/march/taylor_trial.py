@@ -101,7 +101,8 @@ DisplacementSeries = tuple[Any, Any, Any]  # coefficients of x, y and theta, of 
 def begin_series(state: State, model: RowModel, method: Choices, each: EachLane) -> Lane:
     """`Stepper.begin`. The first trial rechecks the guards."""
     zero = no_time(state)
-    count, yes = jnp.zeros(zero.shape, jnp.int32), jnp.ones(zero.shape, bool)
+    count = jnp.zeros(zero.shape, jnp.int32)
+    yes = jnp.ones(zero.shape, bool)
     waves = zero, zero
     nothing = zeros_for(lambda: row_rhs(waves, state, None, model, method.recorded, each)[1])
     search = TaylorSearch(
@@ -147,7 +148,8 @@ def trial_and_series(row: Lane, constants: Fixed[RowModel], method: Choices) -> 
     """The next trial of a lane, and its displacements as polynomials in radians from the start."""
     order = method.taylor.order
     lane, fixed = _of_pair(row, constants)
-    expansion, step = taylor_expansion(lane, fixed, order, method.ledger), RADIANS_PER_TURN * fixed.grid.turn
+    expansion = taylor_expansion(lane, fixed, order, method.ledger)
+    step = RADIANS_PER_TURN * fixed.grid.turn
     if method.derivative:
         event, kind = _trial_event(without_derivatives(expansion), *lax.stop_gradient((lane, fixed)), order)
     else:
@@ -223,7 +225,9 @@ def _found_in_trial(
     method: Choices,
 ) -> tuple[Scalar, dict[str, Any]]:
     """The largest penetration within `s` radians, and what each observable reads off the polynomials."""
-    order, start, (motion, v, u, *_) = method.taylor.order, lane.state, expansion
+    order = method.taylor.order
+    start = lane.state
+    (motion, v, u, *_) = expansion
     onset = (start.mode == Mode.APART) & event.fire & happens(kind, LIFT)
     contact = ContactSeries(v, u, expansion.unit, order, s, start, onset, linear_law(fixed.model.law))
     blades = [MotionSeries(own, order, s) for own in (of_blade(i, motion)[0] for i in (0, 1))]
@@ -297,7 +301,8 @@ def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[RowModel], met
     own, fixed_pair = _of_pair(lane, fixed)
     model, grid, start = fixed_pair.model, fixed.grid, own.state
     assert isinstance(search, TaylorSearch)
-    active, z = running(lane, fixed.stop), trial.motion
+    active = running(lane, fixed.stop)
+    z = trial.motion
     apart = start.mode == Mode.APART
     # when apart, a change of the case has no effect
     fire = event.fire & ~(apart & (trial.kind != number_of(LIFT))) & active
@@ -328,7 +333,8 @@ def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[RowModel], met
     accumulator = updated_accumulator(lane.accumulator, accepted, row, method, alone)
     margins = updated_margins(at_only_interface(accumulator.margins), change, fire, model)
     accumulator = accumulator._replace(margins=at_interface(margins))
-    lost, tries = ~is_finite(z), jnp.maximum(next_search.events, next_search.tries)
+    lost = ~is_finite(z)
+    tries = jnp.maximum(next_search.events, next_search.tries)
     too_many = tries > most_events(grid, touches_at_corners(model))
     status = status_of(turned_too_far(z, lost), lost, too_many)
     state = select(fire, transition.after, State(z, start.u_s, start.mode, start.case))
@@ -343,7 +349,8 @@ def _next_taylor_search(lane: Lane, trial: TaylorTrial, fire: Bool[Array, ""]) -
     done = search.done + trial.length
     negligible = NEGLIGIBLE_REST[done.dtype.itemsize]
     completed = jnp.floor(done + negligible)
-    done, completed = jnp.maximum(done - completed, 0.0), completed.astype(jnp.int32)
+    done = jnp.maximum(done - completed, 0.0)
+    completed = completed.astype(jnp.int32)
     done = where(done < negligible, 0.0, done)
     events = where(completed > 0, 0, search.events) + event.fire.astype(jnp.int32)
     moved = (trial.length > 0) | fire

@@ -276,7 +276,8 @@ def _polynomial(coefficients: tuple[float, ...], x: Float[Array, "..."]) -> Floa
     if len(coefficients) == 1:
         return jnp.full_like(x, coefficients[0])
     pairs = [c if i + 1 == len(coefficients) else c + coefficients[i + 1] * x for i, c in enumerate(coefficients)][::2]
-    total, square = pairs[-1], x * x
+    total = pairs[-1]
+    square = x * x
     for pair in reversed(pairs[:-1]):
         total = pair + square * total
     return jnp.asarray(total)

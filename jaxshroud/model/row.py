@@ -174,7 +174,8 @@ def prepared_row(scene: Scene) -> RowModel:
     if row is None:
         return row_of_pair(prepared_model(scene))
     pairs = jax.vmap(lambda j: prepared_model(pair_at(scene, j)))(jnp.arange(row.interfaces))
-    blades, drive = blades_of_row(scene), excitation(scene.drive)
+    blades = blades_of_row(scene)
+    drive = excitation(scene.drive)
     return RowModel(
         blades,
         drive,
@@ -265,7 +266,8 @@ def blade_forces(effects: ContactEffects, z: Any, model: RowModel) -> BladeForce
 
 def contact_forces_on_blades(effects: ContactEffects, model: RowModel) -> BladeForces:
     """The forces of contact on each blade."""
-    load, at_blades = effects.load, partial(sum_at_blades, closed=model.closed)
+    load = effects.load
+    at_blades = partial(sum_at_blades, closed=model.closed)
     if is_zero(load.R_x):
         return BladeForces(ZERO, ZERO, ZERO)
     M = at_blades(*load.M) if model.turns else ZERO
@@ -301,7 +303,9 @@ class FlatPair(NamedTuple):
 
 def clusters(case: CaseOfInterfaces, model: RowModel) -> Cluster | FlatPair:
     """The clusters of blocks from the case of each interface (E, lanes)."""
-    flat, I, closed = case == FLAT, model.blades.I, model.closed
+    flat = case == FLAT
+    I = model.blades.I
+    closed = model.closed
     if is_unrolled(flat):
         mobility = model.interfaces.mobility
         return FlatPair(flat[0], mobility.share[0], mobility.joint[0])
@@ -360,7 +364,8 @@ def joint_inertia(cluster: Cluster | FlatPair, model: RowModel) -> OfInterfaces:
     if isinstance(cluster, FlatPair):
         joint: Any = Unrolled(cluster.joint)
         return joint
-    left, right = left_of_interfaces(cluster.inertia, model.closed), right_of_interfaces(cluster.inertia, model.closed)
+    left = left_of_interfaces(cluster.inertia, model.closed)
+    right = right_of_interfaces(cluster.inertia, model.closed)
     return left * right / (left + right)
 
 
@@ -406,7 +411,8 @@ def blade_rates(
     recorded: Recorded,
 ) -> BladeRates:
     """The rates of one blade; `wave` is (sin, cos) of omega t."""
-    Q, shroud = drive.wave(*wave), blade.shroud(z)
+    Q = drive.wave(*wave)
+    shroud = blade.shroud(z)
     acceleration = blade.accelerations(z, Q, drive, R, inverse)
     work, viscous = blade_works(z, Q, blade, drive) if recorded.ledger else (None, None)
     means = blade_positions(shroud) if recorded.means else None
@@ -463,7 +469,8 @@ def coupling_losses(z: Any, model: RowModel) -> Any:
 
     It is absent where nothing couples the blades.
     """
-    shroud, lost = model.blades.shroud(z), ZERO
+    shroud = model.blades.shroud(z)
+    lost = ZERO
     if model.coupling is not None:
         lost = lost + half_losses(shroud, model.coupling, model.closed)
     if model.aero is not None:
