@@ -138,7 +138,7 @@ def _result(case: Case, scene: Scene, steps: int, runs) -> Result:
     end = np.concatenate([a[-1] for a in runs.samples.motion])
     if status != "OK":
         return Result(case, steps, status, "the cause", 0.0 if np.all(np.isnan(end)) else 1.0)
-    if not int(runs.last.accumulator.log.counters.onset_slip) + int(runs.last.accumulator.log.counters.onset_stick):
+    if not int(runs.log.counters.onset_slip[0]) + int(runs.log.counters.onset_stick[0]):
         exact = free_motion(scene, scene.initial, jnp.zeros(()), PERIODS * scene.drive.period[None])
         exact = np.concatenate([np.asarray(a)[0] for a in exact])
         error = np.max(np.abs(end - exact)) / max(np.abs(exact).max(), 1e-300)

@@ -6,9 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.blocks import run_block
-from jaxshroud.batch.periods import Clock, Sample, at_start_of_period, one_call
-from jaxshroud.batch.rows import ROW_KERNELS, begin_rows
+from jaxshroud.batch.lanes import begin_lanes
+from jaxshroud.batch.periods import Clock, Sample, at_start_of_period, one_call, run_block
 from jaxshroud.batch.xla import best_mapping
 from jaxshroud.march.carry import Lane
 from jaxshroud.march.method import Choices
@@ -52,7 +51,7 @@ def run_rows(scenes: list[Scene], periods: int, steps: int, method: Choices = EX
     assert batch.row is not None
     none = jnp.zeros((len(scenes) + lacking, batch.row.interfaces))
     contact = none.astype(jnp.int32)
-    lanes = begin_rows(batch, State(batch.initial, none, contact, contact), method)
+    lanes = begin_lanes(batch, State(batch.initial, none, contact, contact), method)
     clock = Clock.from_phase_0(steps)
     kept: list[Any] = []
     for done in range(0, periods, BLOCK):
@@ -65,7 +64,7 @@ def run_rows(scenes: list[Scene], periods: int, steps: int, method: Choices = EX
 def block_of_periods(batch: Any, lanes: Any, clock: Clock, n: int, method: Choices) -> tuple[Any, Sample]:
     """The rows after `n` periods, in one call, and a block of samples."""
     begin = at_start_of_period(lanes)
-    end, _, samples = run_block(batch, begin, clock, one_call(n), method, BLOCK, best_mapping(), ROW_KERNELS)
+    end, _, samples = run_block(batch, begin, clock, one_call(n), method, BLOCK, best_mapping())
     return end.lanes, samples
 
 

@@ -47,7 +47,7 @@ def relative_error(got: np.ndarray, exact: np.ndarray, size: np.ndarray) -> np.n
 
 def counts(runs: Runs, name: str) -> np.ndarray:
     """Events of one kind, (lanes,)."""
-    return getattr(runs.last.accumulator.log.counters, name)
+    return getattr(runs.log.counters, name)[:, 0]
 
 
 def energy_residual(runs: Runs) -> np.ndarray:

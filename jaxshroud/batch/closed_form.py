@@ -10,10 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
+from jaxshroud.batch.lanes import begin_lanes
 from jaxshroud.batch.limits import check_memory
-from jaxshroud.batch.march_protocol import March
 from jaxshroud.batch.operation_count import TrialSize
-from jaxshroud.batch.periods import Sample, begin_lanes
+from jaxshroud.batch.periods import Sample, sample_of_users
 from jaxshroud.batch.plan import Plan, Runs, Tick, run_log
 from jaxshroud.batch.sampling import MAX_UNKEPT, SAMPLES_PER_BLOCK, SampleGrid
 from jaxshroud.batch.states import carried_state
@@ -29,6 +29,7 @@ from jaxshroud.model.linear import free_components, free_motion, free_oscillatio
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State, prepared_model
 from jaxshroud.model.rhs import Displacements, Means, Moments
+from jaxshroud.model.row import along_blades, at_interface, state_of_row
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.quantities import DISPLACEMENTS
 from jaxshroud.scene.scene import PerBlade, Scene
@@ -46,7 +47,8 @@ class FreeCourse(NamedTuple):
 
 def free_course(scene: Scene, first: Motion, turns: Scalar, t: Float[Array, " n"]) -> FreeCourse:
     """The course of the free blades at times `t` after the motion `first` at a drive phase [turns]."""
-    start, swing = free_components(scene, first, turns), free_oscillations(scene)
+    start = free_components(scene, first, turns)
+    swing = free_oscillations(scene)
     place, rate = free_propagators(scene, t)
     q, w = (jnp.einsum("nbik,bik->nbi", a, start) for a in (place, rate))
     columns = {n: slice(2 * k + 2, 2 * k + 4) for k, n in enumerate(swing.steady)}
@@ -79,7 +81,8 @@ def free_extent(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> tuple
     moments = Moments._make(_in_pairs(jnp.einsum("n,nbi->bi", weights, a)) for a in (inner, inner**2))
     highest = _at_turn(scene, first, turns, t, q, jnp.argmax(q, axis=0))
     lowest = _at_turn(scene, first, turns, t, q, jnp.argmin(q, axis=0))
-    highest, lowest = jnp.maximum(highest, jnp.max(q, axis=0)), jnp.minimum(lowest, jnp.min(q, axis=0))
+    highest = jnp.maximum(highest, jnp.max(q, axis=0))
+    lowest = jnp.minimum(lowest, jnp.min(q, axis=0))
     return moments, DisplacementRange(_in_pairs(highest), _in_pairs(lowest))
 
 
@@ -145,7 +148,9 @@ def free_runs(
         method: Sets the precision and the fields of the result only.
         begin: The drive phase at which the lanes start [rad], one for all or (lanes,).
     """
-    dtype, count, nodes = scenes.drive.omega.dtype, len(scenes.drive.omega), nodes_needed(scenes)
+    dtype = scenes.drive.omega.dtype
+    count = len(scenes.drive.omega)
+    nodes = nodes_needed(scenes)
     check_memory("the closed form of this run", count * (kept + LANE_PERIODS) * nodes * NODE_BYTES)
     turns = jnp.asarray(phase / (2 * math.pi), dtype)
     begin = jnp.broadcast_to(jnp.asarray(np.asarray(begin) / (2 * math.pi), dtype), count)
@@ -158,21 +163,23 @@ def free_runs(
 
     lanes = eqx.tree_at(places, begin_lanes(scenes, states, method), end)
     zeros: Any = np.zeros(np.shape(samples.power[0]))
-    works = dict.fromkeys(("work", "gross", "dropped", "residual", "friction", "viscous", "switched"), zeros)
-    samples = samples._replace(**works)
+    works = dict.fromkeys(("work", "gross", "dropped", "residual", "viscous"), zeros)
+    none = at_interface(zeros)
+    samples = samples._replace(**works, friction=none, switched=none)
     if method.forces:
-        none = ContactLoads._make([zeros] * 4)
-        samples = samples._replace(forces=ContactPeaks(zeros, zeros), loads=none, impacts=Impacts._make([zeros] * 7))
+        samples = samples._replace(
+            forces=ContactPeaks(none, none), loads=ContactLoads._make([none] * 4), impacts=Impacts._make([none] * 7)
+        )
     return jax.tree.map(np.asarray, (samples, lanes))
 
 
-def closed_form_runs(march: March, scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: np.ndarray) -> Runs:
+def closed_form_runs(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: np.ndarray) -> Runs:
     """The runs of lanes (leading axis) without contact."""
     begin = np.where(arrived, plan.phase, 0.0)
     samples, last = free_runs(scenes, states, plan.transient, plan.kept, plan.phase, plan.method, begin)
     ticker(len(arrived) * (plan.transient + plan.kept))
     log = run_log(last)
-    return Runs(march.sample(samples), jax.tree.map(np.zeros_like, log), log, last)
+    return Runs(sample_of_users(samples), jax.tree.map(np.zeros_like, log), log, last)
 
 
 def no_steps(method: Choices) -> None:
@@ -215,21 +222,21 @@ def _closed_form_samples(
         sizes = tuple(in_pairs(largest[..., i]) for i in range(3))
         ends = Motion._make(in_pairs(a[1:]) for a in motion)
         none = jnp.zeros_like(apart)
-        times = ContactTimes._make((apart, none, none))
-        sample = Sample(ends, in_pairs(power), largest=sizes, moments=moments, extent=extent, means=means, times=times)
+        of_blades = Sample(ends, in_pairs(power), largest=sizes, moments=moments, extent=extent)
+        in_contact = at_interface((means, ContactTimes(apart, none, none)))
+        sample = along_blades(of_blades)._replace(means=in_contact[0], times=in_contact[1])
         last = State(Motion._make(a[-1] for a in motion), state.u_s, state.mode, state.case)
         status = free_status(scene, motion, jnp.max(largest[..., 2]))
         sample = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
-        return sample, carried_state(last, prepared_model(scene)), status, times[-1] - times[0]
+        end = state_of_row(carried_state(last, prepared_model(scene)))
+        return sample, end, status, at_interface(times[-1] - times[0])
 
     return jax.vmap(one)(scenes, states, begin)
 
 
-def free_trajectories(
-    march: March, scenes: Scene, states: State, grid: SampleGrid, method: Choices, ticker: Tick
-) -> Trajectories:
+def free_trajectories(scenes: Scene, states: State, grid: SampleGrid, method: Choices, ticker: Tick) -> Trajectories:
     """The trajectories of lanes (leading axis) without contact, which take no steps."""
-    del march, method, ticker
+    del method, ticker
     motion, amplitudes, status = _free_samples(scenes, states.motion, grid)
     shape = motion.x.shape[:2]
     apart, zero = np.zeros(shape, np.int32), np.zeros(shape[0])
@@ -249,10 +256,12 @@ def _free_samples(scenes: Scene, first: Motion, grid: SampleGrid) -> tuple[Motio
     motion at the ends of all steps.
     """
     block = max(min(MAX_UNKEPT // len(first.x), SAMPLES_PER_BLOCK), 1)
-    begin, running = grid.length - grid.counted, None
+    begin = grid.length - grid.counted
+    running = None
     at = partial(_free_motions, scenes, first, grid, block)
     last = at(np.zeros(1, int))
-    blocks, largest = [last], [np.abs(getattr(last, name)) for name in DISPLACEMENTS]
+    blocks = [last]
+    largest = [np.abs(getattr(last, name)) for name in DISPLACEMENTS]
     for start in [*range(0, begin, block), *range(begin, grid.length, block)]:
         if start == begin:
             running = RunningAmplitudes(Motion._make(a[:, -1] for a in last), grid.step_lengths(scenes))
@@ -271,7 +280,8 @@ def _free_samples(scenes: Scene, first: Motion, grid: SampleGrid) -> tuple[Motio
 def _free_motions(scenes: Scene, first: Motion, grid: SampleGrid, block: int, steps: np.ndarray) -> Motion:
     """The motions (lanes, steps, 2) after so many steps, at most `block` numbers."""
     dtype = first.x.dtype
-    turns, periods = jnp.asarray(grid.turns, dtype), np.resize(steps, block) / grid.steps
+    turns = jnp.asarray(grid.turns, dtype)
+    periods = np.resize(steps, block) / grid.steps
     motion = _free_block(scenes, first, turns, jnp.asarray(periods, dtype))
     return jax.tree.map(lambda a: np.asarray(a)[:, : len(steps)], motion)
 
@@ -293,7 +303,8 @@ def _free_statuses(scenes: Scene, largest: Motion) -> Int[Array, " lanes"]:
 
 def free_status(scene: Scene, motion: Motion, turned: Scalar) -> Int[Array, ""]:
     """The status of a run with the `motion`, fields (n, 2), and the largest angle `turned` of its blocks [rad]."""
-    free, swing = steady_amplitudes(scene), jnp.stack([motion.x, motion.y, motion.theta])
+    free = steady_amplitudes(scene)
+    swing = jnp.stack([motion.x, motion.y, motion.theta])
     steady = summed(jnp.abs(jnp.stack(amplitudes)) for amplitudes in free.values())
     lost = steady > MAX_CANCELLATION * jnp.max(jnp.abs(swing), axis=1)  # resonance without damping
     finite = jnp.all(jnp.isfinite(swing**2)) & jnp.isfinite(turned) & ~jnp.any(lost)
@@ -314,7 +325,8 @@ def _period_mean_square(scene: Scene, first: Motion, turns: Scalar, nodes: int) 
     """
     place, weights = np.polynomial.legendre.leggauss(nodes)
     dtype = scene.drive.omega.dtype
-    weights, start = jnp.asarray(weights / 2, dtype), free_components(scene, first, turns, from_static=True)
+    weights = jnp.asarray(weights / 2, dtype)
+    start = free_components(scene, first, turns, from_static=True)
     course, _ = free_propagators(scene, jnp.asarray((place + 1) / 2, dtype) * scene.drive.period)
     form = jnp.einsum("n,nbik,nbil->bikl", weights, course[:, :, :2], course[:, :, :2])
     bending = jnp.einsum("bik,bikl,bil->bi", start[:, :2], form, start[:, :2])

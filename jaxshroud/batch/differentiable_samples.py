@@ -19,7 +19,8 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Int
 
 from jaxshroud.batch.duals import Dual, differentiable, with_tangent
-from jaxshroud.batch.flows import Flow, begin_flow, end_flow, flow_constants, mean_over
+from jaxshroud.batch.flows import Flow, begin_flow, end_flow, flow_constants
+from jaxshroud.batch.lanes import lane_models
 from jaxshroud.batch.periods import march
 from jaxshroud.batch.stopped import replaced_where
 from jaxshroud.batch.xla import (
@@ -29,17 +30,17 @@ from jaxshroud.batch.xla import (
     has_several_kernels,
     one_lane,
     repeated_while,
-    vmapped,
 )
 from jaxshroud.cache.programs import is_traced, kept
-from jaxshroud.march.carry import Fixed, Lane, running
+from jaxshroud.march.carry import EachLane, Fixed, Lane, PerLane, running
 from jaxshroud.march.locate import first_order_only
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import stepper_for
-from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.modes import Status
-from jaxshroud.model.prepared import Model, State
+from jaxshroud.model.prepared import State
+from jaxshroud.model.row import RowModel
 from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
 
@@ -79,13 +80,15 @@ def sampled_flow(
     if isinstance(scenes, Dual):
         value, along = with_tangent(partial(sampled_flow, schedule=schedule, wanted=wanted), scenes, states)
         return Dual(value[0], along[0]), value[1]
-    lanes, models, periods = vmapped(partial(begin_flow, method=schedule.method), scenes, states)
+    each = differentiable(best_mapping())
+    model, periods = lane_models(scenes)
+    lanes = begin_flow(scenes, states, schedule.method, each)
     steps = jnp.full(periods.shape, schedule.steps, jnp.int32)
-    fixed = flow_constants(models, periods, steps, schedule.method.flat_return)
+    fixed = flow_constants(model, periods, steps, schedule.method.flat_return)
 
     def one(carry, i):
-        lanes, trials = _next_sample(carry[0], carry[1], fixed, schedule)
-        lanes, flow = vmapped(partial(_sample_lane, schedule=schedule), lanes, models, periods)
+        lanes, trials = _next_sample(carry[0], carry[1], fixed, schedule, each)
+        lanes, flow = _sample_lanes(lanes, model, periods, schedule, each)
         return (lanes, trials), flow
 
     next_kept = skip_samples(one, schedule.skipped)
@@ -122,10 +125,10 @@ def skip_samples(one: Callable, skipped: int) -> Callable:
 
 
 def _next_sample(
-    lanes: Lane, trials: Int[Array, " lanes"], fixed: Fixed[Model], schedule: Schedule
+    lanes: Lane, trials: Int[Array, " lanes"], fixed: Fixed[RowModel], schedule: Schedule, each: EachLane
 ) -> tuple[Lane, Int[Array, " lanes"]]:
     """The lanes at their next sample, and the number of trials so far."""
-    method, most, each = schedule.method, schedule.most_trials, differentiable(best_mapping())
+    method, most = schedule.method, schedule.most_trials
     stop = lanes.step + schedule.every
     fixed = Fixed(fixed.model, fixed.grid, stop)
     if most is None:
@@ -143,17 +146,18 @@ def _next_sample(
     return repeated_while(lambda pair: jnp.any(running(pair[0], stop)), once, (lanes, trials), several)
 
 
-def _sample_lane(lane: Lane, model: Model, period: Scalar, schedule: Schedule) -> tuple[Lane, Flow]:
-    """The lane as it continues after a sample, and the sample."""
-    time = period * schedule.share(period.dtype)
-    flow = end_flow(lane, model, time)._replace(means=mean_over(time, lane.accumulator.integrals.means))
+def _sample_lanes(
+    lanes: Lane, model: RowModel, periods: PerLane, schedule: Schedule, each: EachLane
+) -> tuple[Lane, Flow]:
+    """The lanes as they continue after a sample, and the sample."""
+    flow = end_flow(lanes, model, periods * schedule.share(periods.dtype), each)
 
     def places(lane):
         return (lane.accumulator.integrals, lane.step, lane.status)
 
-    empty = jax.tree.map(jnp.zeros_like, lane.accumulator.integrals)
-    step = jnp.where(lane.step == schedule.steps, 0, lane.step)
-    return eqx.tree_at(places, lane, (empty, step, flow.status)), flow
+    empty = jax.tree.map(jnp.zeros_like, lanes.accumulator.integrals)
+    step = jnp.where(lanes.step == schedule.steps, 0, lanes.step)
+    return eqx.tree_at(places, lanes, (empty, step, flow.status)), flow
 
 
 def batching_by_lanes(f: Callable[..., Tree]) -> Callable[..., Tree]:
@@ -175,7 +179,8 @@ def batching_by_lanes(f: Callable[..., Tree]) -> Callable[..., Tree]:
 
 
 def _run_compiled(scenes: Any, states: Any, schedule: Schedule) -> tuple[Any, Int[Array, " lanes"]]:
-    if not is_traced((scenes, states)) and accepts_options(series=True):
+    layout = (scenes.value if isinstance(scenes, Dual) else scenes).layout
+    if layout == PAIR and not is_traced((scenes, states)) and accepts_options(series=True):
         return _run_large(scenes, states, schedule)
     return _run_plain(scenes, states, schedule._replace(method=schedule.method._replace(large_kernels=False)))
 
@@ -235,8 +240,14 @@ def samples_and_tangents(primals: tuple[Scene, State], tangents: Any, schedule: 
     lanes = jax.tree.map(lambda a: jnp.broadcast_to(a, (len(along), *jnp.shape(a))), tree.unflatten(leaves))
     units = tree.unflatten(_unit_directions(leaves, moving, len(along)))
     flows, _ = _run_compiled(*map(Dual._make, zip(lanes, units, strict=True)), schedule=schedule)
-    flow, slopes = _first_lane_flow(flows.value), flows.tangent
-    slopes = jax.tree.map(lambda a: jnp.where(flow.status == Status.OK, a, jnp.zeros_like(a)), slopes)
+    flow = _first_lane_flow(flows.value)
+    slopes = flows.tangent
+
+    def of_going(a):
+        going = lax.broadcast_in_dim(flow.status == Status.OK, a.shape, (1,))  # the axis of samples
+        return jnp.where(going, a, jnp.zeros_like(a))
+
+    slopes = jax.tree.map(of_going, slopes)
 
     def slope(a, by):
         return None if by is None else jnp.tensordot(along, by, 1)
@@ -257,7 +268,8 @@ def _first_lane_flow(flow: Flow) -> Flow:
 
 def _unit_directions(leaves: list[Any], moving: list[bool], count: int) -> list[Any]:
     """The parts, leaf by leaf, of `count` unit directions (leading axis) along the leaves that are `moving`."""
-    units, done = [], 0
+    units = []
+    done = 0
     for leaf, moves in zip(leaves, moving, strict=True):
         if not jnp.issubdtype(jnp.result_type(leaf), jnp.floating):
             units.append(None)

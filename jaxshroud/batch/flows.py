@@ -1,122 +1,94 @@
-"""Drive periods of pairs with the derivative along a given direction, forward in time, and their ends in a unique form.
+"""Drive periods of lanes with the derivative along a given direction, forward in time, and their ends in a unique form.
 
 Each lane carries one tangent, so that several directions of one scene are several lanes with the same scene: a batch
 over scenes is also a batch over directions.
 """
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
+from jax import lax
+from jaxtyping import Array, Float, Int
 
-from jaxshroud.batch.blocks import PeriodKernels
 from jaxshroud.batch.duals import Dual, differentiable, with_tangent
-from jaxshroud.batch.periods import CallLimits, lane_models, periods_within
-from jaxshroud.batch.states import (
-    by_blade,
-    by_interface,
-    carried_state,
-    with_zeros,
-)
-from jaxshroud.batch.xla import compiled, vmapped
+from jaxshroud.batch.lanes import as_users_have, canonical, carried_states, lane_models, lanes_first
+from jaxshroud.batch.periods import CallLimits, march, periods_within
+from jaxshroud.batch.states import stacked
+from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.accumulator import EventMargins
 from jaxshroud.march.carry import EachLane, Fixed, Lane, PerLane, time_grid
-from jaxshroud.march.events import place_contact
-from jaxshroud.march.locate import select
 from jaxshroud.march.method import Choices
-from jaxshroud.march.stepper import begin_lane
-from jaxshroud.model.arithmetic import Pair, Scalar, filled, is_zero
-from jaxshroud.model.geometry import Kinematics
-from jaxshroud.model.modes import FLAT, Mode, Status
-from jaxshroud.model.prepared import Model, State, prepared_model, touches_at_corners
-from jaxshroud.model.rhs import Means, Moments, parallel_mean
+from jaxshroud.march.stepper import stepper_for
+from jaxshroud.model.arithmetic import Scalar, filled, least, total
+from jaxshroud.model.modes import Status
+from jaxshroud.model.prepared import State
+from jaxshroud.model.rhs import Means, Moments
+from jaxshroud.model.row import RowModel, of_blades_that_count
+from jaxshroud.scene.layout import PAIR, Layout
 from jaxshroud.scene.scene import Scene
-from jaxshroud.scene.typed import Tree
 
 
 class Flow(NamedTuple):
-    """The result of whole drive periods."""
+    """The result of some drive periods, of any length, of lanes or of one lane: numbers of blades along a last axis."""
 
-    state: State  # with its slider updated; motion as pairs
-    power: Pair  # mean square displacement over block and time [m^2]
+    state: State  # with its slider updated
+    power: Float[Array, "... blades"]  # mean square displacement over block and time [m^2]
     status: Int[Array, "..."]
     margins: EventMargins | None = None  # so far; None unless the method has `margins`
     coarseness: Scalar | None = None  # see `StepVerdict`; None within a march
-    means: Means | None = None  # averaged over time; None unless a march has `vibration`
+    moments: Moments | None = None  # averaged over time; None unless the method has `amplitudes`
+    means: Means | None = None  # averaged over time, of the blocks that count; None unless a march has `vibration`
 
 
-class FlowWithMoments(NamedTuple):
-    """The result of some drive periods, of any length."""
-
-    state: State  # as of a `Flow`, and so are the next two
-    power: Pair
-    status: Int[Array, "..."]
-    moments: Moments | None  # averaged over time; None unless the method has `amplitudes`
-    means: Means | None  # averaged over time; None unless the method has `vibration`
+FEW_LANES, MANY_LANES = 16, 64  # of a flow of pairs: a loop of fewer does not amortise its dispatch
 
 
-def canonical(state: State, scene_model: Model) -> State:
-    """The state with the numbers that its mode determines: the slider in slip and when apart, and one angle if flat.
-
-    Numbers on which no later motion depends are then unique, and have no tangent.
-    """
-    if touches_at_corners(scene_model) and scene_model.law.has_events:
-
-        def angles(motion):
-            return (motion.theta, motion.v_theta)
-
-        level = [select(state.case == FLAT, parallel_mean(pair, scene_model), pair) for pair in angles(state.motion)]
-        state = eqx.tree_at(lambda s: angles(s.motion), state, tuple(level))
-    at = place_contact(state.motion, state, scene_model)[2]
-    if is_zero(state.u_s) or scene_model.law.flows:
-        return state
-    u_s = canonical_slider(at, state, scene_model)
-    return eqx.tree_at(lambda s: s.u_s, state, u_s)
+def lanes_per_flow(layout: Layout) -> tuple[int, int]:
+    """The lanes of a chunk where there are few, and where there are many; rows have as many numbers for each blade."""
+    return FEW_LANES, MANY_LANES if layout == PAIR else FEW_LANES
 
 
-def canonical_slider(at: Kinematics, state: State, scene_model: Model) -> Scalar:
-    """The slider that the mode determines in slip and when apart; else that of the state."""
-    w = scene_model.law.stretch_at(at, state.u_s, state.mode)
-    sliders = jax.tree.map(lambda w: at.u - w, w)
-    return jax.tree.map(lambda u_s, mode: jnp.where(mode == Mode.APART, 0.0, u_s), sliders, state.mode)
+def begin_flow(scenes: Scene, states: State, method: Choices, each: EachLane) -> Lane:
+    """The lanes, lanes last, at their start from `states`."""
+    model = lane_models(scenes)[0]
+    start = canonical(carried_states(states, model), model, each)
+    return stepper_for(method).begin(start, model, method, each)
 
 
-LANES_PER_FLOW = (16, 64)  # for few and for many lanes: a loop of fewer does not amortise its dispatch
+def end_flow(lanes: Lane, model: RowModel, time: PerLane, each: EachLane) -> Flow:
+    """The flow of lanes, lanes last, after `time` seconds."""
+    sums: Any = lanes.accumulator.integrals
+
+    def mean(tree):
+        return jax.tree.map(lambda a: a / lax.broadcast_to_rank(time, a.ndim), tree)
+
+    power_of_all = filled(sums.power, sums.power)
+    power, moments = mean((power_of_all, filled(sums.moments, power_of_all)))
+    means = mean(filled(sums.means, of_blades_that_count(power_of_all, model)))
+    overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(total(power))
+    status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
+    end = canonical(lanes.state, model, each)
+    of_blades = stacked(lanes_first((power, moments, means)))
+    return Flow(
+        state=as_users_have(State(model.blades.shroud(end.motion), end.u_s, end.mode, end.case), model),
+        power=of_blades[0],
+        status=status,
+        margins=margins_of_all(lanes.accumulator.margins),
+        moments=of_blades[1],
+        means=of_blades[2],
+    )
 
 
-def begin_flow(scene: Scene, state: State, method: Choices) -> tuple[Lane, Model, Scalar]:
-    """A lane at its start, its model and the drive period."""
-    scene_model = prepared_model(scene)
-    lane = begin_lane(canonical(carried_state(state, scene_model), scene_model), scene_model, method)
-    return lane, scene_model, scene.drive.period
-
-
-def end_flow(lane: Lane, scene_model: Model, time: Scalar) -> Flow:
-    """The flow of a lane after `time` seconds."""
-    left, right = filled(lane.accumulator.integrals.power, time)
-    overflowed = (lane.status == Status.OK) & ~jnp.isfinite(left + right)
-    status = jnp.where(overflowed, Status.NOT_FINITE, lane.status).astype(lane.status.dtype)
-    state = with_zeros(canonical(lane.state, scene_model))
-    return Flow(state, (left / time, right / time), status, lane.accumulator.margins)
-
-
-def end_flow_with_moments(lane: Lane, scene_model: Model, time: Scalar) -> FlowWithMoments:
-    """`end_flow`, with the moments and the means where they are kept."""
-    sums, flow = lane.accumulator.integrals, end_flow(lane, scene_model, time)
-    moments, means = mean_over(time, (sums.moments, sums.means))
-    return FlowWithMoments(flow.state, flow.power, flow.status, moments, means)
-
-
-def mean_over(time: Scalar, integrals: Tree) -> Tree:
-    """The means over `time` of what was integrated."""
-    return jax.tree.map(lambda a: a / time, filled(integrals, time))
+def margins_of_all(margins: EventMargins | None) -> EventMargins | None:
+    """The margins of lanes from those of their interfaces."""
+    if margins is None:
+        return None
+    return EventMargins(total(margins.events), least(margins.slowest_onset), least(margins.slowest_switch))
 
 
 def flow_constants(
-    models: Model,
+    model: RowModel,
     periods: PerLane,
     steps: Int[Array, " lanes"],
     flat_return: PerLane | float,
@@ -125,20 +97,17 @@ def flow_constants(
     """The constants of lanes that run `turns` drive periods, by default one, in `steps` steps from phase 0."""
     count = steps.astype(periods.dtype)
     per_period = count if turns is None else count / turns
-    return Fixed(models, time_grid(jnp.zeros_like(per_period), per_period, periods, flat_return), steps)
+    return Fixed(model, time_grid(jnp.zeros_like(per_period), per_period, periods, flat_return), steps)
 
 
 @compiled("method")
 def begin_flows(scenes: Dual, states: Dual, method: Choices) -> Dual:
-    """The lanes at their start from `states`, with tangents."""
-
-    def begin(scenes: Scene, states: State) -> Lane:
-        return vmapped(lambda scene, state: begin_flow(scene, state, method)[0], scenes, states)
-
-    return with_tangent(begin, scenes, states)
+    """The lanes at their start from `states`, with tangents; lanes last."""
+    each = differentiable(best_mapping())
+    return with_tangent(lambda scenes, states: begin_flow(scenes, states, method, each), scenes, states)
 
 
-@compiled("method", "each", "kernels")
+@compiled("method", "each")
 def flow_with_tangents(
     scenes: Dual,
     lanes: Dual,
@@ -148,31 +117,29 @@ def flow_with_tangents(
     turns: PerLane | None,
     method: Choices,
     each: EachLane,
-    kernels: PeriodKernels,
 ) -> tuple[Dual, Int[Array, ""]]:
     """Run lanes over drive periods from drive phase 0, with tangents, or each over a number of turns of its own.
 
     Args:
         scenes: Scenes with a leading lane axis, and one direction for each lane.
-        lanes: The lanes to continue, in the form of their layout, see `FlowPrograms.begin`.
+        lanes: The lanes to continue, see `begin_flows`.
         limits: What is done at most.
         steps: Runge-Kutta steps in one period, or in `turns`.
         flat_return: Of the method, see `time_grid`.
         turns: The drive periods of each lane, of any length, in the place of a period; its tangent is at that phase.
         method: The options of the march, `as_differentiable`: else the derivatives lack the contributions of events.
         each: How a function of one lane is applied to all.
-        kernels: Those of the layout.
 
     Returns:
         The lanes at the end, with tangents, and how many periods have ended.
     """
 
     def flow(scenes: Scene, lanes: Any) -> tuple[Any, Int[Array, ""]]:
-        models, periods = kernels.constants(scenes)
-        fixed = flow_constants(models, periods, jnp.ones_like(lanes.step) * steps, flat_return, turns)
+        model, periods = lane_models(scenes)
+        fixed = flow_constants(model, periods, jnp.ones_like(lanes.step) * steps, flat_return, turns)
 
         def run(lanes: Any, passes: Any) -> Any:
-            return kernels.march(lanes, fixed, method, differentiable(each), passes=passes)
+            return march(lanes, fixed, method, differentiable(each), passes=passes)
 
         return periods_within(limits, run, lanes, fixed.stop)
 
@@ -182,12 +149,12 @@ def flow_with_tangents(
 
 @compiled()
 def end_flows(scenes: Dual, lanes: Dual, n: Int[Array, ""], turns: PerLane | None) -> Dual:
-    """The `FlowWithMoments` of lanes that have run `n` periods, or as often their `turns`, with its tangent."""
+    """The flow of lanes that have run `n` periods, or as often their `turns`, with its tangent."""
+    each = differentiable(best_mapping())
 
-    def end(scenes: Scene, lanes: Lane) -> FlowWithMoments:
-        models, periods = lane_models(scenes)
-        times = n.astype(periods.dtype) * (periods if turns is None else turns * periods)
-        return vmapped(end_flow_with_moments, lanes, models, times)
+    def end(scenes: Scene, lanes: Lane) -> Flow:
+        model, periods = lane_models(scenes)
+        return end_flow(lanes, model, n.astype(periods.dtype) * (periods if turns is None else turns * periods), each)
 
     return with_tangent(end, scenes, lanes)
 
@@ -195,19 +162,3 @@ def end_flows(scenes: Dual, lanes: Dual, n: Int[Array, ""], turns: PerLane | Non
 def as_differentiable(method: Choices) -> Choices:
     """The method with derivatives of the times of events, and without the logs that a flow does not need."""
     return method._replace(derivative=True, ledger=False, within=False, forces=False)
-
-
-class FlowPrograms(NamedTuple):
-    """The compiled functions of a flow."""
-
-    begin: Callable[..., Dual]
-    end: Callable[..., Dual]
-    expanded: Callable[[FlowWithMoments], FlowWithMoments]  # with an axis of blades, in NumPy arrays
-    lanes_per_call: tuple[int, int]  # where there are few, and where there are many
-
-
-def _expanded_pairs(flow: FlowWithMoments) -> FlowWithMoments:
-    return by_blade(flow._replace(means=by_interface(flow.means)))  # of the left block alone
-
-
-PAIR_FLOWS = FlowPrograms(begin_flows, end_flows, _expanded_pairs, LANES_PER_FLOW)

@@ -6,7 +6,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.march_protocol import March
 from jaxshroud.batch.periods import Sample
 from jaxshroud.batch.plan import Plan, Runs, Tick, run_log
 from jaxshroud.batch.states import states_apart
@@ -43,9 +42,9 @@ class EndedLane(NamedTuple):
     accumulator: _Ended
 
 
-def settled_runs(march: March, scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: np.ndarray) -> Runs:
+def settled_runs(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: np.ndarray) -> Runs:
     """The runs of lanes (leading axis) whose contact stays in one state; a settled motion has no start."""
-    del march, states, arrived
+    del states, arrived
     state = cast(LinearState, scenes.parts.contact)
     motion = settled_linear_motions(scenes)
     status = linear_status(motion)

@@ -1,6 +1,7 @@
 """The loop over trials, and whole drive periods of many lanes in one compiled function."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -10,37 +11,40 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxshroud.batch.states import by_blade, by_blade_or_interface, by_interface, carried_state, with_zeros
+from jaxshroud.batch.lanes import (
+    lane_models,
+    lanes_first,
+    lanes_last,
+    ledger_of,
+    residual_of_energy,
+    stored_energies,
+)
+from jaxshroud.batch.states import stacked
 from jaxshroud.batch.xla import compiled, has_several_kernels, repeated_while
-from jaxshroud.march.accumulator import Accumulator, Log, left_position_at, mean_position
-from jaxshroud.march.carry import EachLane, Lane, TimeGrid, running, time_grid
-from jaxshroud.march.forces_and_energy import energy_residual, is_unbalanced, total_energy
-from jaxshroud.march.log import log_of_new_period
+from jaxshroud.march.accumulator import Log, mean_position
+from jaxshroud.march.carry import EachLane, Fixed, Lane, TimeGrid, running, time_grid
+from jaxshroud.march.forces_and_energy import is_unbalanced
+from jaxshroud.march.log import accumulator_of_new_period
 from jaxshroud.march.method import FLAT_RETURN, Choices
-from jaxshroud.march.stepper import begin_lane, stepper_for
-from jaxshroud.model.arithmetic import filled, traced_once
+from jaxshroud.march.stepper import stepper_for
+from jaxshroud.model.arithmetic import filled, is_unrolled, total
 from jaxshroud.model.modes import Status
-from jaxshroud.model.prepared import Model, State, prepared_model
+from jaxshroud.model.row import RowModel, of_blades_that_count, positions_that_count
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import Layout
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
 
 
-def whole_tree(lanes: Tree) -> Tree:
-    """The tree itself."""
-    return lanes
-
-
 def march(
     lanes: Any,
-    fixed: Any,
+    fixed: Fixed[RowModel],
     method: Choices,
     each: EachLane,
     most_trials: int | None = None,
     passes: Int[Array, ""] | None = None,
 ) -> Any:
-    """Run every lane (leading axis of all arguments) to the start of step `stop`, or until its status is not OK.
+    """Run every lane, lanes last, to the start of step `stop`, or until its status is not OK.
 
     With `most_trials` there are exactly that many trials: a loop of fixed length can be differentiated in reverse mode.
     With `passes` there are so many of the loop at most; what is left of them is a second result.
@@ -49,32 +53,8 @@ def march(
     once = jax.jit(lambda lanes: stepper.trial(lanes, fixed, method, each))  # traced once
     if most_trials is not None:
         return lax.fori_loop(0, most_trials, lambda _, lanes: once(lanes), lanes)
-    return repeated_trials(once, lanes, fixed.stop, has_several_kernels(method), passes)
-
-
-def repeated_trials(
-    once: Callable[[Lane], Lane],
-    lanes: Lane,
-    stops: Int[Array, " lanes"],
-    several: bool,
-    passes: Int[Array, ""] | None = None,
-) -> Any:
-    """Lanes, or rows, after trials by `once` until all are at the start of step `stops` or not OK; see `march`."""
-    return repeated_while(lambda lanes: jnp.any(running(lanes, stops)), once, lanes, several, passes)
-
-
-def march_steps(
-    lanes: Lane,
-    fixed: Any,
-    steps: Int[Array, "..."],
-    method: Choices,
-    each: EachLane,
-    most_trials: int | None = None,
-) -> tuple[Lane, Bool[Array, " lanes"]]:
-    """The lanes after at most `steps` steps, and which of them have completed these; their clock is reset."""
-    lanes = march(lanes, fixed, method, each, most_trials)
-    arrived = lanes.step == steps
-    return with_clock_reset(lanes, arrived), arrived
+    several = not fixed.model.is_pair or has_several_kernels(method)
+    return repeated_while(lambda lanes: jnp.any(running(lanes, fixed.stop)), once, lanes, several, passes)
 
 
 def with_clock_reset(lanes: Lane, where: Bool[Array, "..."]) -> Lane:
@@ -95,10 +75,7 @@ def lanes_per_call(layout: Layout) -> int:
 
 
 class Sample(NamedTuple):
-    """One period of one lane: the motion at its end and its integrals; NaN once the lane has stopped.
-
-    In compiled functions numbers of blades are pairs, and those of contact have no axis; see `batch.march_protocol`.
-    """
+    """One period of one lane: the motion at its end and its integrals; NaN once the lane has stopped."""
 
     motion: Motion
     power: Any  # mean square displacement over block and period [m^2]
@@ -123,12 +100,17 @@ class Sample(NamedTuple):
 LOGGED_BY_PERIOD = tuple(name for name in Log._fields if name in Sample._fields)
 
 
-def pair_sample(sample: Sample) -> Sample:
-    """Samples of pairs with axes of blades and interfaces."""
-    contact = ("friction", "switched", "forces", "loads", "impacts", "times")
-    along = {name: by_interface(getattr(sample, name)) for name in contact}
-    means = by_interface(sample.means)  # of the left block alone
-    return by_blade(sample._replace(**along, means=means, own=by_blade_or_interface(sample.own)))
+def sample_of_users(sample: Sample) -> Sample:
+    """Samples, lanes first, as arrays with axes of blades and of interfaces last; works are those of all blades."""
+
+    def total(a):
+        return None if a is None else a.sum(axis=-1)
+
+    in_all = is_unrolled(sample.power)
+    arrays = stacked(jax.tree.map(np.asarray, sample))
+    if in_all:
+        return arrays
+    return arrays._replace(work=total(arrays.work), gross=total(arrays.gross), viscous=total(arrays.viscous))
 
 
 class Clock(NamedTuple):
@@ -211,73 +193,110 @@ def select_tree(which: Bool[Array, ""], a: Tree, b: Tree) -> Tree:
     return jax.tree.map(lambda a, b: jnp.where(which, a, b), a, b)
 
 
-def ended_pairs(
-    lanes: Lane, stored_before: Any, models: Model, periods: Any, steps: Any, each: EachLane, ended: Any = True
+def begin_period(lanes: Lane, model: RowModel, method: Choices, each: EachLane) -> tuple[Lane, Float[Array, " lanes"]]:
+    """The lanes, lanes last, at the start of a period, and the energies that they store [J].
+
+    The sums of a sample start from zero: in float32, late periods would lose digits in a long sum.
+    """
+    empty = accumulator_of_new_period(lanes.accumulator, model.blades.shroud(lanes.state.motion), method)
+    return eqx.tree_at(lambda lane: lane.accumulator, lanes, empty), stored_energies(lanes.state, model, each)
+
+
+def end_period(
+    lanes: Lane,
+    stored_before: Float[Array, " lanes"],
+    model: RowModel,
+    period: Float[Array, " lanes"],
+    steps: Float[Array, ""],
+    each: EachLane,
+    ended: Any = True,
 ) -> tuple[Lane, Sample]:
-    """Pairs at the end of a period of so many `steps`, if it has `ended`, and its sample.
+    """The lanes, lanes last, at the end of a period of so many `steps`, if it has `ended`, and its sample.
 
     Selecting between lanes before and after it would have XLA work out the faults anew for every number of the sample.
     """
-    del each
-    gain, jumps = lanes.accumulator.integrals, lanes.accumulator.jumps
-    logged: dict[str, Any] = {}
+    accumulator, log = lanes.accumulator, lanes.accumulator.log
+    gain: Any = accumulator.integrals
+    z = model.blades.shroud(lanes.state.motion)
+    assert log is not None  # only flows with tangents have none
+    stored = stored_energies(lanes.state, model, each)
+    astray = jnp.zeros_like(period, bool)
     works: dict[str, Any] = {}
-    energies = _total_energies(lanes, models)
-    astray = jnp.zeros_like(periods, bool)
-    if gain.ledger is not None and jumps is not None:
-        residual = energy_residual(gain.ledger, jumps, energies - stored_before)
-        dropped = filled(jumps.dropped, periods)
-        works = {"work": gain.ledger.drive, "gross": gain.ledger.gross, "dropped": dropped, "residual": residual}
-        logged["switched"] = jumps.springs
-        if models.law.may_create_energy:  # the printed reading never balances, and other laws need no such check
-            astray = is_unbalanced(residual, gain.ledger.gross, stored_before, energies)
-    power = filled(gain.power, periods)
-    log = lanes.accumulator.log
-    if log is not None:
-        logged |= {name: getattr(log, name) for name in LOGGED_BY_PERIOD}
     if gain.ledger is not None:
-        logged |= {"friction": gain.ledger.friction, "viscous": gain.ledger.viscous}
-    means = mean_position(lanes.accumulator, lanes.state.motion, periods, steps, left_position_at)
-    integrated = {"loads": gain.loads, "moments": gain.moments, "means": means}
-    power = power[0] / periods, power[1] / periods
-    sample = Sample(with_zeros(lanes.state).motion, power, **works, **filled(logged | integrated, periods))
-    overflowed = ~jnp.isfinite(sum(jax.tree.leaves(sample._replace(own=None)), energies))
+        ledger = ledger_of(accumulator)
+        jumps = accumulator.jumps
+        assert jumps is not None  # they are kept with it
+        residual = residual_of_energy(accumulator, stored - stored_before)
+        works = {"work": ledger.drive, "gross": ledger.gross, "viscous": ledger.viscous, "friction": ledger.friction}
+        works |= {"switched": jumps.springs, "dropped": jumps.dropped, "residual": residual}
+        if model.interfaces.law.may_create_energy:  # the printed reading never balances, and other laws need no check
+            gross = ledger.gross if model.is_pair else total(ledger.gross)
+            astray = is_unbalanced(residual, gross, stored_before, stored)
+    means = mean_position(accumulator, z, period, steps, partial(positions_that_count, model=model))
+    logged = {name: getattr(log, name) for name in LOGGED_BY_PERIOD}
+    of_blades = {"motion": z, "moments": gain.moments, "largest": logged.pop("largest"), "extent": logged.pop("extent")}
+    of_faces = {"loads": gain.loads} | logged
+    power = jax.tree.map(lambda a: a / period, filled(gain.power, gain.power))
+    sample = Sample(power=power, **works, **filled(of_blades, power), **filled(of_faces, log.v_max))
+    sample = sample._replace(means=filled(means, of_blades_that_count(power, model)))
+    finite = [jnp.sum(jnp.atleast_2d(a), axis=0) for a in jax.tree.leaves(sample._replace(own=None))]
+    overflowed = ~jnp.isfinite(sum(finite, stored))
     fault = jnp.where(overflowed, Status.NOT_FINITE, jnp.where(astray, Status.UNBALANCED, Status.OK))
     status = jnp.where(ended & (lanes.status == Status.OK), fault, lanes.status).astype(lanes.status.dtype)
     lanes = eqx.tree_at(lambda lane: lane.status, lanes, status)
-    return lanes, jax.tree.map(lambda a: jnp.where(lanes.status == Status.OK, a, jnp.nan), sample)
+    return lanes, jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
 
 
-def _with_empty_accumulator(lanes: Lane, method: Choices) -> Lane:
-    """The lanes with the sums of a sample reset: in float32, late periods would lose digits in a long sum."""
-    accumulator = lanes.accumulator
-    integrals, jumps = jax.tree.map(jnp.zeros_like, (accumulator.integrals, accumulator.jumps))
-    log = None if accumulator.log is None else log_of_new_period(accumulator.log, lanes.state.motion, method)
-    return eqx.tree_at(lambda lane: lane.accumulator, lanes, Accumulator(integrals, jumps, log, accumulator.margins))
+@compiled("method", "block", "each")
+def run_block(
+    scenes: Scene, begin: Interim, clock: Clock, limits: CallLimits, method: Choices, block: int, each: EachLane
+) -> tuple[Interim, Int[Array, ""], Any]:
+    """Run up to `block` periods of every lane.
+
+    Args:
+        scenes: Scenes with a leading lane axis.
+        begin: The lanes to continue, with the same axis.
+        clock: The time grid, common to all lanes.
+        limits: What is done at most.
+        method: The options of the march.
+        block: The length of the sample axis.
+        each: How a function of one lane is applied to all.
+
+    Returns:
+        The lanes at the end, how many periods have ended, and the samples of these with axes (period, lane); further
+        ones are meaningless.
+    """
+    model, periods = lane_models(scenes)
+    grids = clock.grids(periods)
+
+    def one(carry, i):
+        (lanes, energies, inside), passes = carry
+        on = (i < limits.most) & (passes > 0)
+        lanes, energies = select_tree(on & ~inside, begin_period(lanes, model, method, each), (lanes, energies))
+        stops = jnp.where(on & (lanes.status == Status.OK), clock.steps, 0)
+        lanes, passes = march(lanes, Fixed(model, grids, stops), method, each, passes=passes)
+        over = on & ~jnp.any(running(lanes, stops))
+        lanes = with_clock_reset(lanes, over & (lanes.step == clock.steps))
+        lanes, sample = end_period(lanes, energies, model, periods, clock.per_period, each, ended=over)
+        return (Interim(lanes, energies, (on | inside) & ~over), passes), (lanes_first(sample), over)
+
+    first = begin._replace(lanes=lanes_last(begin.lanes)), limits.passes
+    (end, _), (samples, over) = lax.scan(one, first, jnp.arange(block, dtype=jnp.int32))
+    return end._replace(lanes=lanes_first(end.lanes)), jnp.sum(over, dtype=jnp.int32), samples
 
 
-@traced_once
-def _total_energies(lanes: Lane, models: Model) -> Float[Array, " lanes"]:
-    return jax.vmap(lambda lane, m: total_energy(lane.state, m))(lanes, models)
+def period_function(scenes: Scene, clock: Clock, method: Choices, each: EachLane) -> Callable[..., tuple[Any, Any]]:
+    """A function of lanes, lanes last, and a flag.
 
+    If the flag is set, it runs a period of the lanes that have not stopped; it returns these with their samples.
+    """
+    model, periods = lane_models(scenes)
 
-@compiled("method")
-def begin_lanes(scenes: Scene, states: State, method: Choices) -> Lane:
-    """The lanes at their start from `states`."""
-    return jax.vmap(lambda scene, state: _begin_lane(scene, state, method))(scenes, states)
+    def run(lanes: Any, on: Any) -> tuple[Any, Any]:
+        stops = jnp.where(on & (lanes.status == Status.OK), clock.steps, 0)
+        lanes, energies = begin_period(lanes, model, method, each)
+        lanes = march(lanes, Fixed(model, clock.grids(periods), stops), method, each)
+        lanes = with_clock_reset(lanes, lanes.step == clock.steps)
+        return end_period(lanes, energies, model, periods, clock.per_period, each)
 
-
-def _begin_lane(scene: Scene, state: State, method: Choices) -> Lane:
-    model = prepared_model(scene)
-    return begin_lane(carried_state(state, model), model, method)
-
-
-def lane_models(scenes: Scene) -> tuple[Model, Float[Array, " lanes"]]:
-    """The constants of lanes, and their drive periods [s]."""
-    return jax.vmap(lambda scene: (prepared_model(scene), scene.drive.period))(scenes)
-
-
-def begun_pairs(lanes: Lane, models: Model, method: Choices, each: EachLane) -> tuple[Lane, Float[Array, " lanes"]]:
-    """Pairs at the start of a period, and the energies that they store [J]."""
-    del each
-    return _with_empty_accumulator(lanes, method), _total_energies(lanes, models)
+    return run

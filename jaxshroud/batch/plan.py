@@ -14,6 +14,7 @@ from jaxshroud.march.accumulator import Counters
 from jaxshroud.march.method import Choices
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Status
+from jaxshroud.model.row import at_only_interface
 
 Tick = Callable[[float], None]  # called with the number of lane-periods done, which need not be whole
 Progress = Callable[[float, int], None]  # called with the lane-periods done, to two decimals, and in all; 0: not known
@@ -32,7 +33,8 @@ class Plan:
     @property
     def clock(self) -> Clock:
         """The grid of whole periods from the sampling phase."""
-        n, flat_return = self.steps_per_period, np.asarray(self.method.flat_return)
+        n = self.steps_per_period
+        flat_return = np.asarray(self.method.flat_return)
         return Clock(jnp.asarray(self.phase / (2 * np.pi)), jnp.int32(n), jnp.asarray(float(n)), flat_return)
 
     @property
@@ -60,7 +62,9 @@ class Ticker:
     """Sums up the lane-periods done and reports them."""
 
     def __init__(self, total: int, report: Progress | None):
-        self.total, self.done, self.report = total, 0, report
+        self.total = total
+        self.done = 0
+        self.report = report
 
     def __call__(self, lane_periods: int | float) -> None:
         """Report `lane_periods` more as done."""
@@ -79,8 +83,9 @@ class RunLog(NamedTuple):
 
 
 def run_log(lanes: Any) -> RunLog:
-    """The log of lanes of pairs or of rows (leading axis), which counts no events that cannot happen."""
-    log, count = lanes.accumulator.log, len(lanes.status)
+    """The log of lanes (leading axis), which counts no events that cannot happen."""
+    log = at_only_interface(lanes.accumulator.log)
+    count = len(lanes.status)
     counters = filled(log.counters, np.zeros(np.shape(log.v_max), np.int32))
     kept = log.v_max, counters, log.within
     return RunLog._make(jax.tree.map(lambda a: np.reshape(a, (count, -1)), kept))

@@ -1,18 +1,14 @@
-"""Pairs and rows of blades inside JAX's transformations: samples and whole periods.
-
-Derivatives of rows raise a TypeError there.
-"""
+"""Lanes inside JAX's transformations: samples of one lane, and whole periods of a chunk of lanes, with derivatives."""
 
 from functools import partial
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
-from jaxshroud.batch.blocks import PAIR_KERNELS, period_function
 from jaxshroud.batch.differentiable_samples import (
     Schedule,
     batching_by_lanes,
@@ -23,207 +19,134 @@ from jaxshroud.batch.differentiable_samples import (
     skip_samples,
 )
 from jaxshroud.batch.flows import as_differentiable
-from jaxshroud.batch.march_protocol import LaneOutcomes, Moment, PureMarch, SampledMoments, SweepPlan, sample_times
-from jaxshroud.batch.periods import Clock, begin_lanes
-from jaxshroud.batch.row_samples import RowSamples, next_row_sample
-from jaxshroud.batch.rows import ROW_KERNELS, lanes_first, row_models, rows_at_start
-from jaxshroud.batch.states import as_arrays, carried_state
-from jaxshroud.batch.stopped import Admitted, lost_tangents, replaced_where
-from jaxshroud.batch.xla import best_mapping, compiled, one_lane
+from jaxshroud.batch.lanes import carried_states, forces_of_users, lane_models, lanes_at_start, lanes_first
+from jaxshroud.batch.periods import Clock, period_function
+from jaxshroud.batch.states import stacked
+from jaxshroud.batch.stopped import Admitted, lost_tangents, nan_where
+from jaxshroud.batch.xla import best_mapping, one_lane, vmapped
 from jaxshroud.march.accumulator import EventMargins
-from jaxshroud.march.forces_and_energy import contact_forces
-from jaxshroud.march.locate import values_only
-from jaxshroud.march.log import accumulator_of_new_period
 from jaxshroud.march.method import Choices
-from jaxshroud.model.arithmetic import Scalar, filled, sincos_turns
-from jaxshroud.model.drive import drive_waves
+from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.modes import Status
-from jaxshroud.model.prepared import Model, State, prepared_model
-from jaxshroud.model.rhs import Means
+from jaxshroud.model.prepared import State
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import require_capability
 from jaxshroud.scene.scene import Scene
 
+OfContact = Float[Array, "..."]  # of a row at each interface
 
-def _moments_of_pair(begin: Admitted, schedule: Schedule) -> SampledMoments:
-    """The samples of a pair, with derivatives."""
+
+class Moment(NamedTuple):
+    """The argument of `save` in a rollout: one sample."""
+
+    t: Scalar  # [s]
+    state: State  # fields of `motion` (2,), of a row (blades,), as contact and forces are (interfaces,)
+    N: OfContact  # normal force of contact [N]
+    F: OfContact  # friction force [N]
+    v: OfContact  # penetration [m]; when apart the negative remaining gap
+    u: OfContact  # slide of the left block against the right one [m]
+
+
+class SampledMoments(NamedTuple):
+    """The samples (leading axis) of one lane."""
+
+    moments: Moment
+    power: Float[Array, "samples blades"]  # mean square displacement since the previous sample [m^2]
+    status: Int[Array, " samples"]
+    margins: EventMargins | None  # so far
+
+
+def sampled_moments(begin: Admitted, schedule: Schedule) -> SampledMoments:
+    """The samples of one lane, with derivatives; the method of the schedule is as the user gave it."""
+    _check_start(begin.scene, begin.start)
     schedule = schedule._replace(method=as_differentiable(schedule.method)._replace(margins=True))
     flow = differentiable_samples(begin.scene, begin.start, schedule)
-    model, (times, turns) = prepared_model(begin.scene), sample_times(begin, schedule)
-    states = eqx.tree_at(lambda s: s.motion, flow.state, jax.vmap(as_arrays)(flow.state.motion))
-    stopped = flow.status != Status.OK
+    model = lane_models(one_lane(begin.scene))[0]
 
     def at(t, turns, state, stopped):
-        return _moment_at(t, turns, state, stopped, model)
+        lanes = carried_states(one_lane(state), model)
+        forces = forces_of_users(lanes, one_lane(turns), model, vmapped)
+        of_contact = jax.tree.map(lambda a: a[0], (forces.N, forces.F, forces.v, forces.u))
+        # of the motion in any mode, so that the NaN of a stopped lane reaches all numbers in reverse mode
+        N, F, v, u = jax.tree.map(lambda a: jnp.where(stopped, state.motion.x[0], a), of_contact)
+        return Moment(t, state, N=N, F=F, v=v, u=u)
 
-    moments = jax.vmap(at)(times, turns, states, stopped)
-    return SampledMoments(moments, jnp.stack(flow.power, -1), flow.status, flow.margins)
-
-
-def _moment_at(t: Scalar, turns: Scalar, state: State, stopped: Bool[Array, ""], model: Model) -> Moment:
-    carried = carried_state(state, model)
-    forces = contact_forces(drive_waves(*sincos_turns(turns), model.drive), carried, model)
-    of_contact = filled({"N": forces.N, "F": forces.F, "v": forces.v, "u": forces.u}, forces.v)
-    # of the motion in any mode, so that the NaN of a stopped lane reaches all numbers in reverse mode
-    of_contact = jax.tree.map(lambda a: jnp.where(stopped, state.motion.x[0], a), of_contact)
-    return Moment(t, state, **of_contact)
+    moments = jax.vmap(at)(*sample_times(begin, schedule), flow.state, flow.status != Status.OK)
+    return SampledMoments(moments, flow.power, flow.status, flow.margins)
 
 
-def _chunk_of_pairs(scenes: Scene, states: State, plan: SweepPlan) -> LaneOutcomes:
-    """The results of a chunk of pairs; their derivatives are those of the samples of the lanes."""
+def sample_times(begin: Admitted, schedule: Schedule) -> tuple[Float[Array, " samples"], Float[Array, " samples"]]:
+    """The times [s] of samples, and the phases of the drive there [turns]."""
+    index = np.arange(1, schedule.samples + 1) * schedule.every
+    steps = schedule.steps
+    period = nan_where(~begin.good, begin.scene.drive.period)
+    turns = jnp.asarray(index % steps / steps, period.dtype)
+    return period * jnp.asarray(index / steps, turns.dtype), turns
+
+
+class SweepPlan(NamedTuple):
+    """The static arguments of a sweep."""
+
+    transient: int
+    kept: int
+    steps: int
+    method: Choices
+
+    @property
+    def clock(self) -> Clock:
+        """The grid of whole periods from drive phase 0."""
+        return Clock.from_phase_0(self.steps, self.method.flat_return)
+
+    @property
+    def schedule(self) -> Schedule:
+        """The schedule of the same run with derivatives."""
+        return Schedule(self.kept, self.steps, self.steps, as_differentiable(self.method), skipped=self.transient)
+
+
+class LaneOutcomes(NamedTuple):
+    """The results of lanes (leading axis)."""
+
+    motion: Motion  # fields (lanes, periods, blades)
+    power: Any  # mean square displacement over block and periods, (lanes, blades) [m^2]
+    means: Any  # `Means` over the periods, of each block that counts, fields (lanes, blocks)
+    status: Any  # (lanes,); None of tangents
+
+
+def lane_outcomes(scenes: Scene, states: State, plan: SweepPlan) -> LaneOutcomes:
+    """The results of a chunk of lanes; their derivatives are those of the samples of the lanes."""
     outcomes_of = jax.custom_jvp(batching_by_lanes(lambda scenes, states: _lane_outcomes(scenes, states, plan)))
 
     def push(primals, tangents):
         run, flow = jax.vmap(partial(samples_and_tangents, schedule=plan.schedule))(primals, perturbed_only(tangents))
-        by_blades = flow.state.motion, flow.power, flow.means
-        motion, power, means = lost_tangents(run.status != Status.OK, by_blades)
-        power, means = jax.tree.map(lambda a: jnp.mean(a, axis=1), (power, means))
-        slope = LaneOutcomes(motion, power, means, None)
+        lost = lost_tangents(run.status != Status.OK, (flow.state.motion, flow.power, flow.means))
+        power, means = jax.tree.map(lambda a: jnp.mean(a, axis=1), lost[1:])
         value = outcomes_of(*primals)
-        return value, no_tangents(value, slope)
+        return value, no_tangents(value, LaneOutcomes(lost[0], power, means, None))
 
     outcomes_of.defjvp(push, symbolic_zeros=True)
-    found = outcomes_of(scenes, states)
-    return found._replace(means=Means._make((left,) for left in found.means))
+    return outcomes_of(scenes, states)
 
 
 def _lane_outcomes(scenes: Scene, states: State, plan: SweepPlan) -> LaneOutcomes:
-    """The results of lanes, by the kernels of the verb `sweep`."""
-    period = period_function(scenes, plan.clock, plan.method, best_mapping(), PAIR_KERNELS)
-    begin = begin_lanes(scenes, states, plan.method)
-    one = skip_samples(lambda lanes, _: period(lanes, True), plan.transient)
-    last, sample = lax.scan(one, begin, jnp.arange(plan.kept))
-    lanes_first = jax.tree.map(lambda a: a.T, sample.motion)
-    power, means = jax.tree.map(lambda a: jnp.mean(a, axis=0), (sample.power, sample.means))
-    return LaneOutcomes(lanes_first, power, means, last.status)
+    """The results of lanes, by the periods of the verb `sweep`."""
+    each = best_mapping()
+    period = period_function(scenes, plan.clock, plan.method, each)
+
+    def one(lanes: Any, _: Any) -> Any:
+        lanes, sample = period(lanes, True)
+        return lanes, stacked(lanes_first((sample.motion, sample.power, sample.means)))
+
+    begin = lanes_at_start(states, lane_models(scenes)[0], plan.method, each)
+    last, (motion, power, means) = lax.scan(skip_samples(one, plan.transient), begin, jnp.arange(plan.kept))
+    motion = jax.tree.map(lambda a: jnp.moveaxis(a, 0, 1), motion)
+    power, means = jax.tree.map(lambda a: jnp.mean(a, axis=0), (power, means))
+    return LaneOutcomes(motion, power, means, last.status)
 
 
-PURE_PAIRS = PureMarch(
-    moments=_moments_of_pair,
-    outcomes=_chunk_of_pairs,
-    within_bounds=lambda stopped, scenes: replaced_where(stopped, scenes, 1.0),
-    counted=lambda a: a[:, 0],
-    free_power=lambda _: None,
-)
-
-
-class RowFlow(NamedTuple):
-    """Samples (leading axis) of a row; NaN once it has stopped."""
-
-    at: RowSamples
-    power: Float[Array, "..."]  # mean square displacement of each block since the previous sample, (samples, N) [m^2]
-    status: Int[Array, "..."]  # (samples,)
-    margins: EventMargins  # so far, at all interfaces
-
-
-def _row_flow(scene: Scene, state: State, schedule: Schedule) -> RowFlow:
-    """The samples of one row by a `schedule` without a bound of trials; a TypeError where it is differentiated."""
-    flows = _sampled_rows(*one_lane(values_only((scene, state))), schedule)
-    return jax.tree.map(lambda a: a[0], flows)
-
-
-@compiled("schedule")
-def _sampled_rows(scenes: Scene, states: State, schedule: Schedule) -> RowFlow:
-    return batching_by_lanes(lambda scenes, states: _row_samples_in_lanes(scenes, states, schedule))(scenes, states)
-
-
-def _row_samples_in_lanes(scenes: Scene, states: State, schedule: Schedule) -> RowFlow:
-    """The samples of rows (leading axis): a `RowFlow` with axes (lane, sample)."""
-    (model, period), each, steps = row_models(scenes), best_mapping(), schedule.steps
-    clock = Clock.from_phase_0(steps, schedule.method.flat_return)
-    begin = rows_at_start(states, model, schedule.method, each)
-    time = period * (schedule.every / steps)
-
-    def one(lanes, _):
-        empty = accumulator_of_new_period(lanes.accumulator, model.blades.shroud(lanes.state.motion), schedule.method)
-        lanes = eqx.tree_at(lambda lane: lane.accumulator, lanes, empty)
-        lanes, sample = next_row_sample(lanes, jnp.int32(schedule.every), model, period, clock, schedule.method, each)
-        gain: Any = lanes.accumulator.integrals.power
-        power = gain / time[None]
-        overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(jnp.sum(power, axis=0))
-        status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
-        lanes = eqx.tree_at(lambda lane: lane.status, lanes, status)
-        return lanes, lanes_first(
-            RowFlow(sample, jnp.where(status == Status.OK, power, jnp.nan), status, _of_all(lanes.accumulator.margins))
-        )
-
-    _, flows = lax.scan(one, begin, length=schedule.samples)
-    return jax.tree.map(lambda a: jnp.moveaxis(a, 0, 1), flows)
-
-
-def _of_all(margins: EventMargins | None) -> EventMargins:
-    """The margins of rows, lanes last, from those of their interfaces."""
-    assert margins is not None
-
-    def least(speeds):
-        return jnp.min(speeds, axis=0)
-
-    return EventMargins(jnp.sum(margins.events, axis=0), least(margins.slowest_onset), least(margins.slowest_switch))
-
-
-class RowStrobe(NamedTuple):
-    """Rows (leading axis) over whole periods; NaN where a row has stopped."""
-
-    motion: Motion  # at the end of each kept period, (lanes, periods, N)
-    power: Float[Array, "..."]  # mean square displacement of each block over these, (lanes, N) [m^2]
-    means: Any  # `Means` of each block over these, fields (lanes, N); None unless the method has `vibration`
-    status: Int[Array, "..."]  # (lanes,)
-
-
-def row_strobe(scenes: Scene, states: State, transient: int, kept: int, steps: int, method: Choices) -> RowStrobe:
-    """Rows (leading axis) run for `transient` and `kept` periods; a TypeError where it is differentiated."""
-
-    def run(scenes: Scene, states: State) -> RowStrobe:
-        each = best_mapping()
-        period = period_function(scenes, Clock.from_phase_0(steps, method.flat_return), method, each, ROW_KERNELS)
-
-        def one(lanes: Any, _: Any) -> Any:
-            lanes, sample = period(lanes, True)
-            return lanes, lanes_first((sample.motion, sample.power, sample.means))
-
-        begin = rows_at_start(states, row_models(scenes)[0], method, each)
-        last, (motion, power, means) = lax.scan(skip_samples(one, transient), begin, jnp.arange(kept))
-        motion = jax.tree.map(lambda a: jnp.moveaxis(a, 0, 1), motion)
-        power, means = jax.tree.map(lambda a: jnp.mean(a, axis=0), (power, means))
-        return RowStrobe(motion, power, means, last.status)
-
-    return batching_by_lanes(run)(*values_only((scenes, states)))
-
-
-def _check_row_start(scene: Scene, state: State) -> None:
-    """Raise InputError if the state is not one of such a row."""
-    blades, interfaces, points = scene.layout.blades, scene.layout.interfaces, scene.points
-    of_contact = (interfaces, points) if points else (interfaces,)
-    if (jnp.shape(state.motion.x), jnp.shape(state.u_s)) != ((blades,), of_contact):
-        at = f"{interfaces}, {points} points each" if points else f"{interfaces}"
-        raise InputError(f"Argument `state` must have the motion of {blades} blades and contact at {at}.")
-
-
-def _moments_of_row(begin: Admitted, schedule: Schedule) -> SampledMoments:
-    """The samples of a row, whose derivatives raise a TypeError."""
-    if schedule.most_trials is not None:
-        require_capability("Argument `most_trials`", begin.scene.layout)
-    _check_row_start(begin.scene, begin.start)
-    schedule = schedule._replace(method=schedule.method._replace(margins=True))
-    flow = _row_flow(begin.scene, begin.start, schedule)
-    f = flow.at.forces
-    moments = Moment(sample_times(begin, schedule)[0], flow.at.state, f.N, f.F, f.v, f.u)
-    return SampledMoments(moments, flow.power, flow.status, flow.margins)
-
-
-def _chunk_of_rows(rows: Scene, states: State, plan: SweepPlan) -> LaneOutcomes:
-    """The results of a chunk of rows, by the kernels of the verb `sweep`."""
-    strobe = row_strobe(rows, states, *plan)
-    by_blades = strobe.motion, strobe.power, strobe.means
-    motion, power, means = jax.tree.map(lambda a: tuple(jnp.moveaxis(a, -1, 0)), by_blades)
-    return LaneOutcomes(motion, power, means, strobe.status)
-
-
-PURE_ROWS = PureMarch(
-    moments=_moments_of_row,
-    outcomes=_chunk_of_rows,
-    within_bounds=lambda _, scenes: scenes,
-    counted=lambda a: a.sum(axis=-1),
-    free_power=lambda P_0: P_0,
-)
+def _check_start(scene: Scene, state: State) -> None:
+    """Raise InputError if the state is not one of such a scene."""
+    layout, points = scene.layout, scene.points
+    of_contact = (*layout.interface_shape, points) if points else layout.interface_shape
+    if (jnp.shape(state.motion.x), jnp.shape(state.u_s)) != ((layout.blades,), of_contact):
+        at = f"{layout.interfaces}, {points} points each" if points else f"{layout.interfaces}"
+        raise InputError(f"Argument `state` must have the motion of {layout.blades} blades and contact at {at}.")

@@ -12,10 +12,11 @@ from jaxtyping import Array, Int, PyTree
 
 from jaxshroud.batch.differentiable_samples import Schedule, differentiable_samples, trial_counts
 from jaxshroud.batch.flows import Flow, as_differentiable, begin_flow, end_flow, flow_constants
-from jaxshroud.batch.march_protocol import Moment, SampledMoments
-from jaxshroud.batch.marches import march_of, require_march
-from jaxshroud.batch.periods import march_steps
-from jaxshroud.batch.states import as_arrays, initial_states
+from jaxshroud.batch.lanes import lane_models
+from jaxshroud.batch.marches import require_march
+from jaxshroud.batch.periods import march, with_clock_reset
+from jaxshroud.batch.pure_functions import Moment, SampledMoments, sampled_moments
+from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.stopped import (
     Admitted,
     admit,
@@ -32,7 +33,7 @@ from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.scene.checks import MAX_COUNT, InputError, count_argument
-from jaxshroud.scene.layout import require_capability, require_points
+from jaxshroud.scene.layout import require_points
 from jaxshroud.scene.scene import PerBlade, Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
@@ -77,8 +78,7 @@ def rollout(
     numbers of forward mode.
 
     Args:
-        scene: The scene; under `jax.vmap` many, which are marched together. A row of blades has values, but no
-            derivatives yet.
+        scene: The scene; under `jax.vmap` many, which are marched together.
         state: The initial state; by default that of `scene.initial`, apart.
         n_periods: Drive periods.
         save: What to keep of each sample: a function of a `Moment`, of JAX; by default all of it.
@@ -86,7 +86,7 @@ def rollout(
         method: How to march: a `RungeKutta` or `Taylor` with its number of steps; `method_for` chooses one for an
             accuracy.
         most_trials: Bound on the trial steps of the whole run, see `most_trials`; beyond it the lane stops with status
-            OUT_OF_TRIALS. None: no bound, as of a row.
+            OUT_OF_TRIALS. None: no bound.
 
     Returns:
         The saved samples, `every` so many steps (without the start), the final state, the mean square displacements,
@@ -98,9 +98,8 @@ def rollout(
 
     Raises:
         ValueError: A count is out of range, the scene has leading axes, or float64 is not enabled; a row of blades has
-            no contact, or is to be marched by power series or with a bound of trials.
-        TypeError: It is differentiated twice, but contact has events, whose derivatives are of first order only; or a
-            row of blades is differentiated at all.
+            no contact, or is to be marched by power series.
+        TypeError: It is differentiated twice, but contact has events, whose derivatives are of first order only.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
@@ -118,12 +117,13 @@ def rollout(
     scene, state = _in_method_precision(scene, state, schedule.method)
     require_march(scene, schedule.method)
     begin = admit(scene, state, schedule.steps, schedule.method)
-    return _as_rollout(march_of(scene).pure.moments(begin, schedule), save, begin)
+    return _as_rollout(sampled_moments(begin, schedule), save, begin)
 
 
 def _as_rollout(sampled: SampledMoments, save: Callable[[Moment], PyTree], begin: Admitted) -> Rollout:
     """The result of sampled moments, with NaN once the lane has stopped."""
-    moments, stopped = sampled.moments, sampled.status != Status.OK
+    moments = sampled.moments
+    stopped = sampled.status != Status.OK
     lost = eqx.tree_at(_of_motion, moments, nan_where(stopped, _of_motion(moments)))
     kept = eqx.tree_at(_of_motion, moments, distinct_where(stopped, _of_motion(moments)))
     saved = where_going(stopped, jax.vmap(save)(kept), jax.vmap(save)(lost))
@@ -160,7 +160,7 @@ def most_trials(
             accuracy.
 
     Raises:
-        ValueError: As for `rollout`; or it is called inside a transformation of JAX, or for a row of blades.
+        ValueError: As for `rollout`; or it is called inside a transformation of JAX.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
@@ -169,7 +169,6 @@ def most_trials(
         >>> 200 < js.most_trials(scene, 1, method=js.RungeKutta(steps=200)) < 600
         True
     """
-    require_capability("`most_trials`", scene.layout)
     require_single_scene("most_trials", scene)
     require_points("most_trials", scene.contact.points)
     schedule = _schedule(n_periods, None, method, MAX_COUNT)
@@ -228,10 +227,9 @@ def period_map(
         (BAD_INPUT).
 
     Raises:
-        ValueError: A count is too small, the scene has leading axes or a row of blades, or float64 is not enabled.
+        ValueError: A count is too small, the scene has leading axes, or float64 is not enabled.
         TypeError: It is differentiated twice, but contact has events, whose derivatives are of first order only.
     """
-    require_capability("`period_map`", scene.layout)
     require_single_scene("period_map", scene)
     require_points("period_map", scene.contact.points)
     count_argument("n_periods", n_periods, 1)
@@ -247,9 +245,8 @@ def period_map(
     else:
         most = None if most_trials is None else n_periods * most_trials
         flow = differentiable_samples(begin.scene, begin.start, Schedule(n_periods, steps, steps, how, most))
-        end = jax.tree.map(lambda a: a[-1], flow.state)
-        state = State(as_arrays(end.motion), end.u_s, end.mode, end.case)
-        flow = Flow(state, (jnp.mean(flow.power[0]), jnp.mean(flow.power[1])), flow.status[-1])
+        last = jax.tree.map(lambda a: a[-1], flow)
+        flow = Flow(last.state, jnp.mean(flow.power, axis=0), last.status)
     status = status_if_admitted(flow.status, begin.good)
     state, power = nan_where(status != Status.OK, (flow.state, flow.power))
     return Flow(state, power, status, coarseness=begin.coarseness)
@@ -259,15 +256,17 @@ def _plain_period_map(
     begin: Admitted, n_periods: int, steps_per_period: int, method: Choices, most: int | None
 ) -> Flow:
     """The map as a plain program, which JAX differentiates itself."""
-    lane, model, period = begin_flow(begin.scene, begin.state, method)
+    scenes, states = one_lane((begin.scene, begin.state))
+    model, periods = lane_models(scenes)
     steps = jnp.full((1,), steps_per_period, jnp.int32)
-    fixed = flow_constants(*one_lane((model, period)), steps, method.flat_return)
+    fixed = flow_constants(model, periods, steps, method.flat_return)
 
     def one_period(lanes, _):
-        return march_steps(lanes, fixed, steps, method, vmapped, most_trials=most)
+        lanes = march(lanes, fixed, method, vmapped, most)
+        arrived = lanes.step == steps
+        return with_clock_reset(lanes, arrived), arrived
 
-    lanes, arrived = lax.scan(one_period, one_lane(lane), length=n_periods)
-    flow = end_flow(jax.tree.map(lambda a: a[0], lanes), model, n_periods * period)
+    lanes, arrived = lax.scan(one_period, begin_flow(scenes, states, method, vmapped), length=n_periods)
+    flow = jax.tree.map(lambda a: a[0], end_flow(lanes, model, n_periods * periods, vmapped))
     status = jnp.where((flow.status == Status.OK) & ~jnp.all(arrived), Status.OUT_OF_TRIALS, flow.status)
-    state = State(as_arrays(flow.state.motion), flow.state.u_s, flow.state.mode, flow.state.case)
-    return Flow(state, flow.power, status.astype(flow.status.dtype))
+    return Flow(flow.state, flow.power, status.astype(flow.status.dtype))

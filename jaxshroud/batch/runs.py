@@ -19,7 +19,7 @@ from jaxshroud.batch.periods import lanes_per_call
 from jaxshroud.batch.plan import Plan, Runs, Tick, Ticker, both, completed_runs
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.states import final_states, initial_states
-from jaxshroud.batch.stepped_runs import chunk_by_chunk, select_lanes
+from jaxshroud.batch.stepped_runs import chunk_by_chunk, sampled_motions_of, select_lanes
 from jaxshroud.batch.stretches import Trajectories
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.linear.held_contact import is_linear
@@ -69,12 +69,11 @@ def run_lanes(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: n
         Interrupted: On Ctrl-C; `done` has the lanes that had ended, and the others with status NOT_RUN.
     """
     scenes, states, copies = folded(without_given(scenes), states)
-    march = march_of(scenes)
     arrived = np.zeros(len(scenes.drive.omega), bool) if arrived is None else arrived
     lane_periods = len(scenes.drive.omega) * (plan.transient + plan.kept)
     try:
         with counted("lane-periods", lane_periods) as count:
-            return unfolded_runs(march.run(march, scenes, states, plan, both(count, ticker), arrived), copies)
+            return unfolded_runs(march_of(scenes).run(scenes, states, plan, both(count, ticker), arrived), copies)
     except Interrupted as stopped:
         raise Interrupted(stopped.done and unfolded_runs(stopped.done, copies)) from None
 
@@ -93,9 +92,8 @@ def trajectories(scenes: Scene, states: State, grid: SampleGrid, method: Choices
         Interrupted: On Ctrl-C, without results.
     """
     scenes, states, copies = folded(scenes, states)
-    march = march_of(scenes)
     with counted("steps", len(scenes.drive.omega) * grid.length) as count:
-        marched = march.trajectories(march, scenes, states, grid, method, both(count, ticker))
+        marched = march_of(scenes).trajectories(scenes, states, grid, method, both(count, ticker))
     return unfolded_trajectories(marched, copies)
 
 
@@ -106,7 +104,7 @@ def sampled_motions(scenes: Scene, states: State, grid: SampleGrid, method: Choi
     """
 
     def run(chunk, tick):
-        return march_of(scenes).motions(chunk[0], chunk[1], grid, method, tick)
+        return sampled_motions_of(chunk[0], chunk[1], grid, method, tick)
 
     motions = chunk_by_chunk(run, (scenes, states), lambda _: None, lanes_per_call(scenes.layout))
     return jax.tree.map(lambda a: np.asarray(a, float), motions)
@@ -180,7 +178,8 @@ def continued_runs(
             runs[i] = stopped.done
             raise Interrupted(completed_runs(runs, concatenate)) from None
         arrived = run.last.status == Status.OK  # a lane that has stopped starts afresh
-        relay.state, relay.arrived = select_lanes(arrived, final_states(run.last.state), fresh), arrived
+        relay.state = select_lanes(arrived, final_states(run.last.state), fresh)
+        relay.arrived = arrived
         if relay.history is not None:
             relay.history.append(SweepHandover(relay.state, relay.arrived))
     return concatenate(runs)
@@ -200,7 +199,8 @@ def folded(scenes: Scene, states: State) -> Folded:
         return Folded(scenes, states, 1)
     if is_linear(scenes):  # closed forms are folded themselves
         return Folded(scenes, states, 1)
-    blades, n = scenes.layout.blades, sector_blades(scenes)
+    blades = scenes.layout.blades
+    n = sector_blades(scenes)
     if n == blades or not _repeat_after(n, states):
         return Folded(whole_ring(scenes), states, 1)
     return Folded(smaller_ring(scenes, n), jax.tree.map(lambda a: a[:, :n], states), blades // n)
@@ -249,7 +249,8 @@ def unfolded_runs(runs: Runs, copies: int) -> Runs:
     """The runs of so many copies of a ring as one."""
     if copies == 1:
         return runs
-    samples, log = _tiled(runs.samples, copies, 2), (_tiled(part, copies, 1) for part in (runs.before, runs.log))
+    samples = _tiled(runs.samples, copies, 2)
+    log = (_tiled(part, copies, 1) for part in (runs.before, runs.log))
     totals = {name: getattr(samples, name) for name in TOTALS_OF_PERIODS}
     samples = samples._replace(**{name: None if a is None else copies * a for name, a in totals.items()})
     before, after = log

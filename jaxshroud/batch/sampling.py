@@ -10,26 +10,27 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
+from jaxshroud.batch.lanes import Sampled, lane_models, lanes_first, lanes_last, sampled
 from jaxshroud.batch.limits import CallPace
-from jaxshroud.batch.periods import CallLimits, Clock, first_passes, march_steps
-from jaxshroud.batch.states import as_arrays, with_zeros
+from jaxshroud.batch.periods import CallLimits, Clock, Interim, first_passes, march, select_tree
+from jaxshroud.batch.states import events_at_start, next_at_start
 from jaxshroud.batch.xla import best_mapping, compiled
-from jaxshroud.cache.programs import kept
-from jaxshroud.march.carry import EachLane, Fixed, Lane, running
-from jaxshroud.march.forces_and_energy import slider_position
+from jaxshroud.march.carry import EachLane, Fixed, Lane, TimeGrid, running
 from jaxshroud.march.method import Choices
-from jaxshroud.march.pair_as_row import end_of_trial
+from jaxshroud.march.row_guards import interface_view, row_torques
+from jaxshroud.march.row_trial import step_of_trial
 from jaxshroud.march.stepper import stepper_for
-from jaxshroud.model.arithmetic import Scalar
-from jaxshroud.model.modes import Status
-from jaxshroud.model.points_contact import points_last
-from jaxshroud.model.prepared import Model, State, prepared_model
+from jaxshroud.model.arithmetic import Scalar, sincos_turns
+from jaxshroud.model.modes import Mode, Status
+from jaxshroud.model.points_contact import by_point, interface_mode
+from jaxshroud.model.prepared import State
+from jaxshroud.model.row import over, pair_states
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
 
-SAMPLES_PER_BLOCK = 1024  # samples per call
+SAMPLES_PER_BLOCK = 256  # samples per call
 MAX_UNKEPT = 1 << 19  # samples of all lanes that are held at once, where only some of them are kept
 EVENT_TRIALS_PER_CALL = 1024
 
@@ -43,6 +44,7 @@ class SampleGrid(NamedTuple):
     length: int  # steps in all, whole periods; some may follow the last sample
     events: bool = False  # the states on both sides of every event too; of a single lane
     counted: int = 0  # of these steps the last ones, whole periods, at the end of each of which the motion counts
+    forces: bool = True  # the forces of contact too
 
     @property
     def samples(self) -> int:
@@ -55,7 +57,8 @@ class SampleGrid(NamedTuple):
         The march is the same whatever is kept: samples never lie further apart than they divide the period, and each
         of the steps that count has one. Where not all samples are kept, a part is as short as memory wants.
         """
-        before, parts = self.length - self.counted, []
+        before = self.length - self.counted
+        parts = []
         for begin, end, apart in ((0, before, math.gcd(self.every, self.steps)), (before, self.length, 1)):
             periods = max(MAX_UNKEPT * apart // (lanes * self.steps), 1)
             longest = max(end - begin, 1) if apart == self.every else periods * self.steps
@@ -93,29 +96,16 @@ class Stretch(NamedTuple):
 class EventStates(NamedTuple):
     """The states on both sides of every event of one lane."""
 
-    states: State  # (1, events), with two entries for each event: before and after
+    states: Sampled  # (1, events), with two entries for each event: before and after
     steps: np.ndarray  # time of the event in steps since the beginning (events,)
     samples: np.ndarray  # index of the preceding sample (events,)
-
-
-def sampled_state(lane: Lane, scene_model: Model) -> State:
-    """The state of a lane with its slider updated; NaN once the lane has stopped."""
-    return with_slider_updated(lane.state, lane.status, scene_model)
-
-
-def with_slider_updated(state: State, status: Int[Array, ""], scene_model: Model) -> State:
-    """A state with its slider updated; NaN where the status is not OK."""
-    motion, state = state.motion, with_zeros(state)
-    u_s = slider_position(State(motion, state.u_s, state.mode, state.case), scene_model)
-    motion, u_s = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), (as_arrays(state.motion), u_s))
-    return State(motion, points_last(u_s), points_last(state.mode), state.case)
 
 
 class SampledMarch(NamedTuple):
     """The result of a stretch of a march."""
 
     lanes: Lane  # at the end
-    states: State  # the samples (lanes, samples), without the first
+    states: Sampled  # the samples (lanes, samples), without the first
     events: EventStates | None = None  # None unless they are kept
 
 
@@ -123,17 +113,16 @@ def march_by_steps(
     scenes: Scene, lanes: Lane, stretch: Stretch, grid: SampleGrid, method: Choices, tick: Callable[[int], None]
 ) -> SampledMarch:
     """March lanes (leading axis) with samples at the ends of steps; `tick` gets the number of further steps."""
-    clock, each = grid.clock(scenes, method), best_mapping()
+    clock = grid.clock(scenes, method)
+    each = best_mapping()
 
-    def block(interim: tuple[Any, Lane], limits: CallLimits) -> tuple[tuple[Any, Lane], Any, State]:
-        begun, lanes = interim
-        every = np.int32(stretch.apart)
-        begun, lanes, ended, states = _block_of_samples(scenes, lanes, begun, clock, every, limits, method, each)
-        return (begun, lanes), ended, states
+    def block(interim: Interim, limits: CallLimits) -> tuple[Interim, Any, Sampled]:
+        return _block_of_samples(scenes, interim, clock, jnp.int32(stretch.apart), limits, method, each, grid.forces)
 
     pace = CallPace(first_passes(len(lanes.status), scenes.layout))
-    (_, lanes), states = sampled_in_calls(block, (np.int32(0), lanes), stretch, SAMPLES_PER_BLOCK, pace, tick)
-    return SampledMarch(lanes, states)
+    begin = Interim(lanes, np.zeros(lanes.status.shape, np.int32), np.bool_(False))
+    end, states = sampled_in_calls(block, begin, stretch, SAMPLES_PER_BLOCK, pace, tick)
+    return SampledMarch(end.lanes, states)
 
 
 def sampled_in_calls(
@@ -158,7 +147,8 @@ def sampled_in_calls(
     Returns:
         What lies after the last call, and the samples (lanes, samples, ...).
     """
-    blocks, done = [], 0
+    blocks = []
+    done = 0
     while done < stretch.samples:
 
         def call(passes: np.int32, left: int = stretch.samples - done, interim: Any = interim) -> Any:
@@ -172,39 +162,34 @@ def sampled_in_calls(
     return interim, jax.tree.map(lambda *a: np.concatenate(a, axis=1), *blocks)
 
 
-@compiled("method", "each")
+@compiled("method", "each", "forces")
 def _block_of_samples(
     scenes: Scene,
-    lanes: Lane,
-    begun: Int[Array, ""],
+    begin: Interim,
     clock: Clock,
     every: Int[Array, ""],
     limits: CallLimits,
     method: Choices,
     each: EachLane,
-) -> tuple[Int[Array, ""], Lane, Int[Array, ""], State]:
-    """The next samples (leading axis, then the lanes), `every` steps apart; `begun` steps of the first are done.
-
-    Returns:
-        The steps done of the sample that is not ended, the lanes at the end, how many samples have ended, and these;
-        further ones are meaningless. A step counts as a pass.
-    """
-    models, period = jax.vmap(lambda scene: (prepared_model(scene), scene.drive.period))(scenes)
+    forces: bool,
+) -> tuple[Interim, Int[Array, ""], Sampled]:
+    """The next samples (leading axis, then the lanes), `every` steps apart, after how many there are."""
+    model, period = lane_models(scenes)
     grids = clock.grids(period)
 
-    def one_step(_, lanes):
-        return march_steps(lanes, Fixed(models, grids, lanes.step + 1), clock.steps, method, each)[0]
+    def one(carry, i):
+        (lanes, stops, inside), passes = carry
+        on = (i < limits.most) & (passes > 0)
+        stops = jnp.where(on & ~inside, lanes.step + every, stops)
+        lanes, passes = march(lanes, Fixed(model, grids, jnp.where(on, stops, 0)), method, each, passes=passes)
+        over = on & ~jnp.any(running(lanes, stops))
+        sample = sampled(lanes.state, lanes.status, turns_of(lanes, grids), model, each, forces)
+        ended = eqx.tree_at(lambda lane: lane.step, lanes, lanes.step % clock.steps)
+        return (Interim(select_tree(over, ended, lanes), stops, (on | inside) & ~over), passes), (sample, over)
 
-    def one_sample(carry, i):
-        lanes, done, left = carry
-        now = jnp.where(i < limits.most, jnp.minimum(every - done, left), 0)
-        lanes = lax.fori_loop(0, now, one_step, lanes)
-        over = (i < limits.most) & (done + now == every)
-        return (lanes, jnp.where(over, 0, done + now), left - now), (jax.vmap(sampled_state)(lanes, models), over)
-
-    begin = lanes, begun, limits.passes
-    (lanes, begun, _), (samples, over) = lax.scan(one_sample, begin, jnp.arange(SAMPLES_PER_BLOCK, dtype=jnp.int32))
-    return begun, lanes, jnp.sum(over, dtype=jnp.int32), samples
+    first = begin._replace(lanes=lanes_last(begin.lanes)), limits.passes
+    (end, _), (samples, over) = lax.scan(one, first, jnp.arange(SAMPLES_PER_BLOCK, dtype=jnp.int32))
+    return end._replace(lanes=lanes_first(end.lanes)), jnp.sum(over, dtype=jnp.int32), samples
 
 
 def march_by_trials(
@@ -214,11 +199,16 @@ def march_by_trials(
 
     The steps must end trials, as with a stepper without dense output.
     """
-    clock, left, done, samples, events = grid.clock(scenes, method), np.int32(stretch.length), stretch.first, [], []
+    clock = grid.clock(scenes, method)
+    left = np.int32(stretch.length)
+    done = stretch.first
+    samples = []
+    events = []
     while left and int(np.asarray(lanes.status)[0]) == Status.OK:
-        (lanes, remaining), trials = _event_trials(scenes, lanes, clock, left, method, best_mapping())
+        (lanes, remaining), trials = _event_trials(scenes, lanes, clock, left, method, best_mapping(), grid.forces)
         trials = jax.tree.map(lambda a: np.moveaxis(np.asarray(a), 0, 1), trials)
-        arrived, fired = trials.arrived[0], np.repeat(trials.fired[0], 2)
+        arrived = trials.arrived[0]
+        fired = np.repeat(trials.fired[0], 2)
         ends = done + np.cumsum(arrived)  # steps done after each trial
         wanted = arrived & ((ends - stretch.first) % stretch.apart == 0)
         samples.append(jax.tree.map(lambda a, wanted=wanted: a[:, wanted], trials.after))
@@ -232,16 +222,17 @@ def march_by_trials(
             )
         )
         tick(int(ends[-1]) - done)
-        done, left = int(ends[-1]), remaining
-    missing = stretch.samples - sum(block.mode.shape[1] for block in samples)
+        done = int(ends[-1])
+        left = remaining
+    missing = stretch.samples - sum(block.state.case.shape[1] for block in samples)
+    last = sampled_now(scenes, lanes, clock, best_mapping(), grid.forces)
     if missing:  # the lane has stopped
-        last = current_states(scenes, lanes)
         samples.append(jax.tree.map(lambda a: np.repeat(np.asarray(a)[:, None], missing, axis=1), last))
     states = jax.tree.map(lambda *a: np.concatenate(a, axis=1), *samples)
-    return SampledMarch(lanes, states, concatenated_events(events or [empty_stretch(current_states(scenes, lanes))]))
+    return SampledMarch(lanes, states, concatenated_events(events or [empty_stretch(last)]))
 
 
-def empty_stretch(states: State) -> EventStates:
+def empty_stretch(states: Sampled) -> EventStates:
     """The events of a lane with such states before the first one."""
     return EventStates(jax.tree.map(lambda a: np.asarray(a)[:, None][:, :0], states), np.empty(0), np.empty(0, int))
 
@@ -259,22 +250,23 @@ def interleaved_sides(before: np.ndarray, after: np.ndarray) -> np.ndarray:
 class _SampledTrial(NamedTuple):
     """A trial that ended a step or at an event."""
 
-    before: State  # at its end, in the mode of the trial
-    after: State
+    before: Sampled  # at its end, in the mode of the trial
+    after: Sampled
     steps_into: Scalar  # steps from the beginning of the step to the trial's end
     fired: Array  # it ended at an event
     arrived: Array  # it ended a step
 
 
-@compiled("method", "each")
-def _event_trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choices, each: EachLane):
+@compiled("method", "each", "forces")
+def _event_trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choices, each: EachLane, forces: bool):
     """The next trials that ended a step or at an event; those after the last of the steps `left` are idle."""
-    models, period = jax.vmap(lambda scene: (prepared_model(scene), scene.drive.period))(scenes)
-    grids, trial = clock.grids(period), stepper_for(method).trial
+    model, period = lane_models(scenes)
+    grids = clock.grids(period)
+    trial = stepper_for(method).trial
 
     def one(carry, _):
         lanes, left = carry
-        fixed = Fixed(models, grids, jnp.where(left > 0, lanes.step + 1, lanes.step))
+        fixed = Fixed(model, grids, jnp.where(left > 0, lanes.step + 1, lanes.step))
 
         def once(lanes):
             return trial(lanes, fixed, method, each)
@@ -283,24 +275,29 @@ def _event_trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choice
             return jnp.any(~(event_fired(*pair) | _step_ended(*pair)) & running(pair[1], fixed.stop))
 
         before, ahead = lax.while_loop(idle, lambda pair: (pair[1], once(pair[1])), (lanes, once(lanes)))
-        sampled = _SampledTrial(
-            jax.vmap(with_slider_updated)(end_of_trial(before, fixed, method, each), before.status, models),
-            jax.vmap(sampled_state)(ahead, models),
-            before.search.done + before.search.length,
+        into = before.search.done + before.search.length
+        end = step_of_trial(before, fixed, method, each)
+        turns = turns_of(before, grids) + before.search.length * grids.turn
+        trials = _SampledTrial(
+            sampled(end.state, before.status, turns, model, each, forces),
+            sampled(ahead.state, ahead.status, turns, model, each, forces),
+            into,
             event_fired(before, ahead),
             _step_ended(before, ahead),
         )
         around = jnp.where(ahead.step == clock.steps, 0, ahead.step)
         ahead = eqx.tree_at(lambda lanes: lanes.step, ahead, around)
-        return (ahead, left - sampled.arrived[0].astype(left.dtype)), sampled
+        return (ahead, left - trials.arrived[0].astype(left.dtype)), trials
 
-    return lax.scan(one, (lanes, left), None, length=EVENT_TRIALS_PER_CALL)
+    (lanes, left), trials = lax.scan(one, (lanes_last(lanes), left), None, length=EVENT_TRIALS_PER_CALL)
+    return (lanes_first(lanes), left), trials
 
 
 def event_fired(before: Lane, after: Lane) -> Array:
-    """Whether a trial ended at an event: each event changes the mode or the case."""
-    changed = jax.tree.leaves(jax.tree.map(jnp.not_equal, after.state.mode, before.state.mode))
-    return reduce(jnp.logical_or, changed) | (after.state.case != before.state.case)
+    """Whether trials of lanes, lanes last, ended at an event: each event changes a mode or a case."""
+    contact = [(lane.state.mode, lane.state.case) for lane in (before, after)]
+    changed = jax.tree.leaves(jax.tree.map(jnp.not_equal, *contact))
+    return reduce(jnp.logical_or, (jnp.any(jnp.atleast_2d(a), axis=0) for a in changed))
 
 
 def _step_ended(before: Lane, after: Lane) -> Array:
@@ -308,7 +305,45 @@ def _step_ended(before: Lane, after: Lane) -> Array:
     return after.step > before.step
 
 
-@kept()
-def current_states(scenes: Scene, lanes: Lane) -> State:
-    """The state of each lane with its slider updated; NaN once the lane has stopped."""
-    return jax.vmap(lambda scene, lane: sampled_state(lane, prepared_model(scene)))(scenes, lanes)
+def turns_of(lanes: Lane, grids: TimeGrid) -> Float[Array, " lanes"]:
+    """The phase of the drive where lanes are [turns]."""
+    return grids.start + (lanes.step.astype(grids.start.dtype) + lanes.search.done) * grids.turn
+
+
+@compiled("each", "forces")
+def sampled_now(scenes: Scene, lanes: Lane, clock: Clock, each: EachLane, forces: bool) -> Sampled:
+    """The sample of lanes (leading axis) where they are; NaN once a lane has stopped."""
+    model, period = lane_models(scenes)
+    lanes = lanes_last(lanes)
+    return sampled(lanes.state, lanes.status, turns_of(lanes, clock.grids(period)), model, each, forces)
+
+
+@compiled("each", "forces")
+def sampled_once_begun(scenes: Scene, lanes: Lane, clock: Clock, each: EachLane, forces: bool) -> Sampled:
+    """The sample of lanes (leading axis) at their start once all has happened that happens at that instant."""
+    model, period = lane_models(scenes)
+    lanes = lanes_last(lanes)
+    turns = clock.grids(period).start
+    wave = each(sincos_turns, turns)
+    now = lanes.state
+
+    def at_interface(torque: Any, now: State, start: State, model: Any) -> tuple[Any, Any, Any]:
+        after = next_at_start(now, start, interface_view(torque, now, model), model)
+        return after.u_s, after.mode, after.case
+
+    for _ in range(events_at_start(model.interfaces)):
+        torque, _ = row_torques(now, wave, model, each)
+        pairs = pair_states(now, model), pair_states(lanes.state, model)
+        u_s, mode, case = over(each, at_interface, torque, *pairs, model.interfaces)
+        now = State(now.motion, u_s, mode, case)
+    return sampled(now, lanes.status, turns, model, each, forces)
+
+
+def first_sample(scenes: Scene, lanes: Lane, clock: Clock, forces: bool) -> Sampled:
+    """The sample at the start of lanes (leading axis), where faces that overlap are in contact."""
+    how = clock, best_mapping(), forces
+    first = sampled_now(scenes, lanes, *how)
+    if first.forces is None:
+        return first
+    apart = np.asarray(interface_mode(by_point(first.state.mode, first.state.case))) == Mode.APART
+    return sampled_once_begun(scenes, lanes, *how) if np.any(apart & (np.asarray(first.forces.v) >= 0)) else first

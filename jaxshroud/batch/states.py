@@ -10,25 +10,22 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.cache.programs import is_traced, kept
+from jaxshroud.cache.programs import is_traced
 from jaxshroud.linear.equilibrium import ContactState
 from jaxshroud.linear.load_path import start_equilibria
 from jaxshroud.march.event import GuardEvaluation, any_of, first_kind, present
 from jaxshroud.march.events import transition
-from jaxshroud.march.forces_and_energy import ContactForces, contact_forces, stacked_point_forces
 from jaxshroud.march.locate import select
-from jaxshroud.march.log import is_of_blades
-from jaxshroud.model.arithmetic import ZERO, filled, is_zero, sincos_turns
+from jaxshroud.model.arithmetic import ZERO, filled, is_unrolled
 from jaxshroud.model.blade import ElasticMotion
-from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode, points_last
-from jaxshroud.model.prepared import Model, State, as_pairs, prepared_model
+from jaxshroud.model.prepared import Model, State, as_pairs
+from jaxshroud.model.row import at_only_interface
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import COORDINATES, PAIR, Layout
 from jaxshroud.scene.scene import Scene
-from jaxshroud.scene.typed import Tree
 
 
 def initial_states(scenes: Scene) -> State:
@@ -68,7 +65,8 @@ def states_apart(scenes: Scene, motion: Motion) -> State:
     """The states of scenes (leading axis) with a motion, apart: where blocks overlap, contact begins at once."""
     like = jnp if is_traced(scenes) else np
     one = scenes.friction.mu  # at each interface
-    nothing, points = like.zeros_like(one, np.int32), scenes.contact.points
+    nothing = like.zeros_like(one, np.int32)
+    points = scenes.contact.points
     if points is None:
         return State(motion, like.zeros_like(one, motion.x.dtype), nothing, nothing)
     shape = (*np.shape(one), points.number)
@@ -87,41 +85,32 @@ def carried_state(state: State, model: Model) -> State:
     return State(motion, u_s, model.law.carried_mode(state.mode), state.case)
 
 
+def stacked(tree: Any) -> Any:
+    """A tree with the numbers along unrolled axes as arrays, whose last axis they are."""
+
+    def along(a: Any) -> Any:
+        if not is_unrolled(a):
+            return a
+        like: Any = np if isinstance(a[0], np.ndarray) else jnp
+        return like.stack(tuple(a), axis=-1)
+
+    return jax.tree.map(along, tree, is_leaf=is_unrolled)
+
+
 def with_zeros(state: State) -> State:
-    """A state of compiled loops with zeros for absent numbers."""
-    motion, u_s = filled((state.motion, state.u_s), state.motion.x[0])
-    return State(motion, _sliders_like(state.mode, u_s), state.mode, state.case)
+    """States of shrouds, as compiled loops carry them, with zeros for absent numbers."""
+    z = state.motion
+    real = jax.tree.leaves(z)[0].dtype
+    u_s = filled(state.u_s, jax.tree.map(lambda case: case.astype(real), state.case))
+    if isinstance(state.mode, tuple) and not isinstance(u_s, tuple):
+        u_s = tuple(u_s for _ in state.mode)  # one zero stands for all points
+    return State(filled(z, z.x), u_s, state.mode, state.case)
 
 
-def _sliders_like(mode: Any, u_s: Any) -> Any:
-    """A slider for each mode: where several points have none, one zero stands for all of them."""
-    return tuple(u_s for _ in mode) if isinstance(mode, tuple) and not isinstance(u_s, tuple) else u_s
-
-
-def as_arrays(motion: Motion) -> Motion:
-    """A motion of pairs as one with fields of shape (2,), inside compiled functions."""
-    return Motion._make(map(jnp.stack, motion))
-
-
-def by_blade(tree: Tree) -> Tree:
-    """The tree as NumPy arrays: those of each blade (...,), which are a tuple, as one (..., blades)."""
-    return jax.tree.map(
-        lambda a: np.stack(a, axis=-1) if is_of_blades(a) else np.asarray(a), tree, is_leaf=is_of_blades
-    )
-
-
-def by_interface(tree: Tree) -> Tree:
-    """The tree of numbers of one interface (...,) as NumPy arrays (..., 1)."""
-    return jax.tree.map(lambda a: np.asarray(a)[..., None], tree)
-
-
-def by_blade_or_interface(tree: Tree) -> Tree:
-    """The tree as NumPy arrays: tuples of those of each blade (...,) as (..., blades), others as (..., 1)."""
-
-    def stacked(a):
-        return np.stack(a, axis=-1) if is_of_blades(a) else np.asarray(a)[..., None]
-
-    return jax.tree.map(stacked, tree, is_leaf=is_of_blades)
+def without_unrolled_axes(state: State) -> State:
+    """The states of pairs in the form that users know, from that of compiled loops."""
+    u_s, mode, case = at_only_interface((state.u_s, state.mode, state.case))
+    return State(stacked(state.motion), points_last(u_s), points_last(mode), case)
 
 
 def motion_rows(motion: Motion) -> np.ndarray:
@@ -130,13 +119,14 @@ def motion_rows(motion: Motion) -> np.ndarray:
 
 
 def final_states(state: State) -> State:
-    """The final state of a compiled loop as an initial state for users; of elastic blades with their coordinates."""
+    """The final states of a compiled loop as initial states for users; of elastic blades with their coordinates."""
     if isinstance(state.motion, ElasticMotion):
         return state
-    like = np.asarray(jax.tree.leaves(state.motion.x)[0])
-    motion, u_s = filled(state.motion, like), filled(state.u_s, np.asarray(state.case, like.dtype))
-    u_s, mode = points_last(_sliders_like(state.mode, u_s)), points_last(state.mode)
-    return State(by_blade(motion), u_s, mode, state.case)
+    state = with_zeros(state)
+    if is_unrolled(state.case):
+        state = without_unrolled_axes(state)
+    whole = State(state.motion, points_last(state.u_s), points_last(state.mode), state.case)
+    return jax.tree.map(np.asarray, whole)
 
 
 def shroud_motion(motion: Any, scenes: Scene) -> Motion:
@@ -191,52 +181,3 @@ def next_at_start(state: State, start: State, view: GuardEvaluation, model: Mode
     fires = any_of(violated.values()) & (interface_mode(start.mode) == Mode.APART)
     u_s, mode, case = select(fires, (after.u_s, after.mode, after.case), (state.u_s, state.mode, state.case))
     return State(state.motion, u_s, mode, case)
-
-
-SAMPLES_PER_CALL = 1024  # one program for runs of any length
-
-
-def sampled_contact_forces(scenes: Scene, states: State, turns: np.ndarray) -> ContactForces:
-    """The contact forces, (lanes, samples) each; absent where the model lacks them, NaN after a lane has stopped.
-
-    Args:
-        scenes: Scenes with a leading lane axis, with contact.
-        states: Their states as users have them, with axes (lanes, samples) first and the slider updated.
-        turns: The drive phase at each sample [turns], (samples,).
-    """
-    count, blocks = len(turns), []
-    for begin in range(0, max(count, 1), SAMPLES_PER_CALL):  # without samples too: the program knows what is absent
-        block = jax.tree.map(lambda a, begin=begin: _block_from(a, begin, axis=1), states)
-        phase = np.asarray(_block_from(turns, begin, axis=0) % 1, states.u_s.dtype)
-        blocks.append(jax.tree.map(np.asarray, _forces_of_block(scenes, block, phase)))
-    return jax.tree.map(lambda *a: np.concatenate(a, axis=1)[:, :count], *blocks)
-
-
-def _block_from(a: np.ndarray, begin: int, axis: int) -> np.ndarray:
-    """`SAMPLES_PER_CALL` samples along an axis, the first of them at `begin`; zeros where there are no more."""
-    block = np.asarray(a).take(range(begin, min(begin + SAMPLES_PER_CALL, a.shape[axis])), axis)
-    missing = [(0, 0)] * a.ndim
-    missing[axis] = (0, SAMPLES_PER_CALL - block.shape[axis])
-    return np.pad(block, missing)
-
-
-@kept()
-def _forces_of_block(scenes: Scene, states: State, turns) -> ContactForces:
-    def one_lane(scene: Scene, states: State) -> ContactForces:
-        model = prepared_model(scene)
-
-        def one(state: State, turns) -> ContactForces:
-            carried = carried_state(state, model)
-            forces = contact_forces(drive_waves(*sincos_turns(turns), model.drive), carried, model)
-
-            def force(a):
-                return jnp.zeros_like(forces.v) if is_zero(a) else a
-
-            lost = jnp.isnan(forces.v)
-            of_points = stacked_point_forces(forces.points, jnp.zeros_like(forces.v))
-            forces = forces._replace(N=force(forces.N), F=force(forces.F), points=of_points)
-            return jax.tree.map(lambda a: jnp.where(lost, jnp.nan, a), forces)
-
-        return jax.vmap(one)(states, turns)
-
-    return jax.vmap(one_lane)(scenes, states)

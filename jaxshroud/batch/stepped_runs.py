@@ -2,15 +2,15 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.blocks import run_block
+from jaxshroud.batch.dense_samples import march_with_dense_output
+from jaxshroud.batch.lanes import begin_lanes, energies_of_lanes, lanes_last, ledger_of, residual_of_energy
 from jaxshroud.batch.limits import CallPace
-from jaxshroud.batch.march_protocol import March
 from jaxshroud.batch.periods import (
     LANES_PER_CALL,
     PERIODS_PER_CALL,
@@ -21,28 +21,43 @@ from jaxshroud.batch.periods import (
     at_start_of_period,
     first_passes,
     lanes_per_call,
+    run_block,
+    sample_of_users,
 )
 from jaxshroud.batch.plan import Plan, Runs, Tick, completed_runs, run_log
-from jaxshroud.batch.sampling import SampleGrid
-from jaxshroud.batch.stretches import EnergyBalance, Trajectories
+from jaxshroud.batch.sampling import (
+    SampledMarch,
+    SampleGrid,
+    Stretch,
+    first_sample,
+    march_by_steps,
+    march_by_trials,
+)
+from jaxshroud.batch.stretches import SampledAmplitudes, Trajectories, march_in_stretches, values_by_name
 from jaxshroud.batch.threads import Check, Interrupted, concatenated_lanes, in_chunks
 from jaxshroud.batch.xla import best_mapping
+from jaxshroud.march.accumulator import Accumulator
 from jaxshroud.march.forces_and_energy import is_unbalanced
 from jaxshroud.march.method import Choices
+from jaxshroud.march.stepper import stepper_for
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State, law_type
+from jaxshroud.model.rhs import Ledger
+from jaxshroud.model.row import at_only_interface
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
 
 
-def stepped_runs(march: March, scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: np.ndarray) -> Runs:
+def stepped_runs(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: np.ndarray) -> Runs:
     """The runs of lanes (leading axis), in chunks that share one compiled function, one thread per core."""
     width = lanes_per_call(scenes.layout)
     pace = CallPace(first_passes(width, scenes.layout))
 
     def run(chunk, tick):
-        return _run_chunk(march, chunk, plan, pace, tick)
+        return _run_chunk(chunk, plan, pace, tick)
 
     try:
         return chunk_by_chunk(run, (scenes, states, arrived), ticker, width)
@@ -82,16 +97,16 @@ def chunk_by_chunk(run: Callable[[Any, Tick], Tree], lanes: Any, ticker: Tick, w
     return in_chunks(one, count, width)
 
 
-def _run_chunk(march: March, chunk: tuple[Scene, State, np.ndarray], plan: Plan, pace: CallPace, tick: Tick) -> Runs:
+def _run_chunk(chunk: tuple[Scene, State, np.ndarray], plan: Plan, pace: CallPace, tick: Tick) -> Runs:
     scenes, states, arrived = chunk
-    lanes = march.begin(scenes, states, plan.method)
+    lanes = begin_lanes(scenes, states, plan.method)
     if plan.lead_in is not None and not arrived.all():
-        led_in, _ = run_periods(march, scenes, lanes, plan.lead_in, 1, plan.method, pace, lambda _: tick(0), keep=False)
+        led_in, _ = run_periods(scenes, lanes, plan.lead_in, 1, plan.method, pace, lambda _: tick(0), keep=False)
         lanes = select_lanes(arrived, lanes, led_in)
     run = partial(run_periods, clock=plan.clock, method=plan.method, pace=pace, tick=tick)
-    lanes, _ = run(march, scenes, lanes, n=plan.transient, keep=False)
+    lanes, _ = run(scenes, lanes, n=plan.transient, keep=False)
     before = run_log(lanes)
-    lanes, samples = run(march, scenes, lanes, n=plan.kept)
+    lanes, samples = run(scenes, lanes, n=plan.kept)
     return jax.tree.map(np.asarray, Runs(samples, before, run_log(lanes), lanes))
 
 
@@ -101,7 +116,6 @@ def select_lanes(which: np.ndarray, a: Tree, b: Tree) -> Tree:
 
 
 def run_periods(
-    march: March,
     scenes: Scene,
     lanes: Any,
     clock: Clock,
@@ -114,9 +128,8 @@ def run_periods(
     """Run `n` periods of lanes (leading axis), in calls to the device that are short.
 
     Args:
-        march: That of the scenes.
         scenes: The scenes.
-        lanes: The lanes, or rows, at the start of a period.
+        lanes: The lanes at the start of a period.
         clock: The time grid.
         n: Periods.
         method: The options of the march.
@@ -134,13 +147,12 @@ def run_periods(
 
         def call(passes: np.int32, left: int = n - done, interim: Interim = interim) -> tuple[Interim, int, Any]:
             limits = CallLimits(jnp.int32(min(left, PERIODS_PER_CALL)), jnp.asarray(passes))
-            options = method, PERIODS_PER_CALL, best_mapping(), march.kernels
-            end, ended, samples = run_block(scenes, interim, clock, limits, *options)
+            end, ended, samples = run_block(scenes, interim, clock, limits, method, PERIODS_PER_CALL, best_mapping())
             return end, int(ended), samples
 
         interim, ended, samples = pace.timed(call, lambda result: result[0].inside)
         if keep and ended:
-            blocks.append(jax.tree.map(lambda a, n=ended: in_float64(a)[:n].swapaxes(0, 1), march.sample(samples)))
+            blocks.append(jax.tree.map(lambda a, n=ended: in_float64(a)[:n].swapaxes(0, 1), sample_of_users(samples)))
         done += ended
         now = done + (_part_of_period(interim.lanes, clock) if interim.inside else 0.0)
         tick(now - reported)
@@ -159,36 +171,113 @@ def in_float64(a) -> np.ndarray:
     return np.asarray(a, float) if np.issubdtype(np.asarray(a).dtype, np.floating) else np.asarray(a)
 
 
-def stepped_trajectories(
-    march: March, scenes: Scene, states: State, grid: SampleGrid, method: Choices, ticker: Tick
-) -> Trajectories:
+class SampledLanes(NamedTuple):
+    """Lanes (leading axis) that were marched step by step, with samples."""
+
+    samples: dict[str, Any]  # as of `Trajectories`, and so are the amplitudes and the events
+    amplitudes: SampledAmplitudes | None
+    last: Any  # the lanes at the end
+    energies: tuple[np.ndarray, np.ndarray]  # stored before and after [J]
+    events: dict[str, Any] | None
+
+
+def sampled_lanes(scenes: Scene, states: State, grid: SampleGrid, method: Choices, tick: Tick) -> SampledLanes:
+    """March lanes (leading axis) and keep samples; `tick` gets the number of further steps."""
+    method = method._replace(loads=scenes.layout != PAIR)
+    lanes, first = _begin_sampled(scenes, states, grid, method)
+    before = np.asarray(energies_of_lanes(scenes, lanes, best_mapping()))
+    march = partial(_march_stretch, scenes, grid=grid, method=method, tick=tick)
+    run = march_in_stretches(march, scenes, lanes, first, grid)
+    at_events = None
+    if run.events is not None:
+        at_events = values_by_name(run.events.states)
+        after = np.where(run.events.steps == 0, -1, run.events.samples)  # the first sample follows what happens at once
+        at_events |= {"t": run.events.steps[None], "after": after[None]}
+    return SampledLanes(
+        samples=values_by_name(run.samples),
+        amplitudes=run.amplitudes,
+        last=jax.tree.map(np.asarray, run.lanes),
+        energies=(before, np.asarray(energies_of_lanes(scenes, run.lanes, best_mapping()))),
+        events=at_events,
+    )
+
+
+def sampled_motions_of(scenes: Scene, states: State, grid: SampleGrid, method: Choices, tick: Tick) -> Motion:
+    """The motion of the samples of lanes (leading axis) alone."""
+    grid = grid._replace(forces=False)
+    lanes, first = _begin_sampled(scenes, states, grid, method)
+    march = partial(_march_stretch, scenes, grid=grid, method=method, tick=tick)
+    return march_in_stretches(march, scenes, lanes, first, grid).samples.state.motion
+
+
+def _begin_sampled(scenes: Scene, states: State, grid: SampleGrid, method: Choices) -> tuple[Any, Any]:
+    """The lanes at their start, and their samples there."""
+    lanes = begin_lanes(scenes, states, method)
+    first = first_sample(scenes, lanes, grid.clock(scenes, method), grid.forces)
+    return lanes, jax.tree.map(np.asarray, first)
+
+
+def _march_stretch(
+    scenes: Scene, lanes: Any, stretch: Stretch, *, grid: SampleGrid, method: Choices, tick: Tick
+) -> SampledMarch:
+    march = march_by_trials if grid.events else march_by_steps
+    if stepper_for(method).dense_output is not None:
+        march = march_with_dense_output
+    return march(scenes, lanes, stretch, grid, method, tick)
+
+
+def stepped_trajectories(scenes: Scene, states: State, grid: SampleGrid, method: Choices, ticker: Tick) -> Trajectories:
     """The trajectories of lanes (leading axis), in chunks that share one compiled function."""
 
     def run(chunk, tick):
-        return march.sampled(chunk[0], chunk[1], grid, method, tick)
+        return sampled_lanes(chunk[0], chunk[1], grid, method, tick)
 
     marched = chunk_by_chunk(run, (scenes, states), ticker, lanes_per_call(scenes.layout))
     last, (before, after) = marched.last, marched.energies
     with np.errstate(invalid="ignore"):  # of energies that overflowed
-        balance = march.balance(last.accumulator, after - before)
+        balance = energy_balance(last.accumulator, after - before)
         integrals = jax.tree.leaves((last.accumulator.integrals, after - before))
         finite = np.isfinite(sum(np.asarray(a, float).reshape(len(before), -1).sum(axis=-1) for a in integrals))
     status = np.where((last.status == Status.OK) & ~finite, Status.NOT_FINITE, last.status)
     if balance is not None and law_type(scenes).may_create_energy:
         astray = is_unbalanced(*map(jnp.asarray, (balance.residual, balance.works.gross, before, after)))
         status = np.where((status == Status.OK) & np.asarray(astray), Status.UNBALANCED, status)
-    counters = filled(last.accumulator.log.counters, marched.samples["mode"][:, 0])
+    log = at_only_interface(last.accumulator.log)
+    counters = filled(log.counters, marched.samples["mode"][:, 0])
     return Trajectories(
         samples=marched.samples,
         amplitudes=marched.amplitudes,
         status=status,
         counters={name: np.asarray(a) for name, a in vars(counters).items()},
         energy=_energy_values(balance, len(before)),
-        loads=last.accumulator.integrals.loads,
-        times=last.accumulator.log.times,
+        loads=at_only_interface(last.accumulator.integrals.loads),
+        times=log.times,
         last=last,
         events=marched.events,
     )
+
+
+class EnergyBalance(NamedTuple):
+    """The energy balance of lanes (leading axis) over a run [J]."""
+
+    works: Ledger  # of all blades; friction of each interface, where users see an axis of them
+    of_blades: dict[str, np.ndarray]  # works on each blade of a row, (lanes, blades), by the names of results
+    residual: np.ndarray
+    dropped: np.ndarray  # by beginnings of flat contact
+
+
+def energy_balance(accumulator: Accumulator, gained: np.ndarray) -> EnergyBalance | None:
+    """The energy balance of lanes that have `gained` energies [J]; None without a ledger."""
+    if accumulator.integrals.ledger is None:
+        return None
+    assert accumulator.jumps is not None  # they are kept with it
+    works = at_only_interface(ledger_of(accumulator))
+    of_blades = {}
+    if np.ndim(works.drive) > 1:
+        of_blades = {"blade_work_drive": np.asarray(works.drive), "blade_loss_viscous": np.asarray(works.viscous)}
+        works = Ledger._make(np.asarray(a).sum(axis=-1) for a in works)._replace(friction=works.friction)
+    residual = np.asarray(residual_of_energy(lanes_last(jax.tree.map(jnp.asarray, accumulator)), jnp.asarray(gained)))
+    return EnergyBalance(works, of_blades, residual, np.asarray(accumulator.jumps.dropped, float))
 
 
 def _energy_values(balance: EnergyBalance | None, lanes: int) -> dict[str, np.ndarray]:

@@ -66,7 +66,9 @@ def where_going(stopped: Bool[Array, "..."], going: Tree, otherwise: Tree) -> Tr
     def one(a: Any, b: Any) -> Any:
         if not _is_real(a):
             return b
-        b, lost, left_out = lax.stop_gradient(b), _along(stopped, a), ~jnp.isnan(b)
+        lost = _along(stopped, a)
+        left_out = ~jnp.isnan(b)
+        b = lax.stop_gradient(b)
         return jnp.where(lost & left_out, b, _replaced(a, b, lost & ~left_out))
 
     return jax.tree.map(one, going, otherwise)
@@ -105,7 +107,8 @@ def _lost_numbers(t: Array, stopped: Bool[Array, "..."], *, transposed: bool) ->
 
 def _lost_jvp(primals: tuple[Any, Any], tangents: tuple[Any, Any], *, transposed: bool) -> tuple[Any, Any]:
     t, stopped = primals
-    out, along = _lost.bind(t, stopped, transposed=transposed), tangents[0]
+    out = _lost.bind(t, stopped, transposed=transposed)
+    along = tangents[0]
     return out, along if isinstance(along, ad.Zero) else _lost.bind(along, stopped, transposed=transposed)
 
 

@@ -10,16 +10,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.sampling import EventStates, SampleGrid, Stretch, concatenated_events
+from jaxshroud.batch.lanes import Sampled
+from jaxshroud.batch.sampling import EventStates, SampledMarch, SampleGrid, Stretch, concatenated_events
 from jaxshroud.batch.states import final_states, shroud_motion
 from jaxshroud.march.accumulator import ContactTimes
-from jaxshroud.march.forces_and_energy import ContactForces
 from jaxshroud.model.arithmetic import ZERO, is_zero
 from jaxshroud.model.contact_law import ContactLoads
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import by_point, interface_mode
-from jaxshroud.model.prepared import State
-from jaxshroud.model.rhs import Ledger
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.quantities import DISPLACEMENTS
 from jaxshroud.scene.scene import Scene
@@ -68,8 +66,11 @@ class RunningAmplitudes:
         """`first` is the sample that the next ones follow at `interval` [s], (lanes,); fields (lanes, blades)."""
         self._h = interval[:, None, None, None]
         q, rate = _displacements(Motion._make(a[:, None] for a in first))
-        self._origin, self._last = q[:, 0], (q, rate)
-        self._count, self._sum, self._squares = 0, np.zeros_like(q[:, 0]), np.zeros_like(q[:, 0])
+        self._origin = q[:, 0]
+        self._last = (q, rate)
+        self._count = 0
+        self._sum = np.zeros_like(q[:, 0])
+        self._squares = np.zeros_like(q[:, 0])
         self._highest, self._lowest = np.full_like(q[:, 0], -np.inf), np.full_like(q[:, 0], np.inf)
 
     def add(self, motion: Motion) -> None:
@@ -85,13 +86,16 @@ class RunningAmplitudes:
             return a.reshape(*a.shape[:2], -1)
 
         with np.errstate(invalid="ignore", over="ignore"):  # of a motion that has overflowed
-            away, slope = q - self._origin[:, None], rate * self._h
+            away = q - self._origin[:, None]
+            slope = rate * self._h
             self._sum += n * cubic_mean(away, rate, self._h)
             self._squares += n * cubic_mean(away**2, 2 * away * rate, self._h)
             top = hermite_largest(columns(away), columns(slope)).reshape(self._sum.shape)
             bottom = -hermite_largest(columns(-away), columns(-slope)).reshape(self._sum.shape)
-        self._highest, self._lowest = np.maximum(self._highest, top), np.minimum(self._lowest, bottom)
-        self._last, self._count = (q[:, -1:], rate[:, -1:]), self._count + n
+        self._highest = np.maximum(self._highest, top)
+        self._lowest = np.minimum(self._lowest, bottom)
+        self._last = (q[:, -1:], rate[:, -1:])
+        self._count = self._count + n
 
     @property
     def amplitudes(self) -> SampledAmplitudes:
@@ -121,25 +125,6 @@ class SampledRun(NamedTuple):
     events: EventStates | None  # None unless they are kept
 
 
-class EnergyBalance(NamedTuple):
-    """The energy balance of lanes (leading axis) over a run [J]."""
-
-    works: Ledger  # of all blades; friction of each interface, where users see an axis of them
-    of_blades: dict[str, np.ndarray]  # works on each blade of a row, (lanes, blades), by the names of results
-    residual: np.ndarray
-    dropped: np.ndarray  # by beginnings of flat contact
-
-
-class SampledLanes(NamedTuple):
-    """Lanes (leading axis) that were marched step by step, with samples."""
-
-    samples: dict[str, Any]  # as of `Trajectories`, and so are the amplitudes and the events
-    amplitudes: SampledAmplitudes | None
-    last: Any  # the lanes at the end
-    energies: tuple[np.ndarray, np.ndarray]  # stored before and after [J]
-    events: dict[str, Any] | None
-
-
 class Trajectories(NamedTuple):
     """The trajectories of lanes (leading axis)."""
 
@@ -155,14 +140,13 @@ class Trajectories(NamedTuple):
 
 
 def march_in_stretches(
-    march: Callable[[Any, Stretch], Any],
+    march: Callable[[Any, Stretch], SampledMarch],
     scenes: Scene,
     lanes: Any,
-    first: Any,
+    first: Sampled,
     grid: SampleGrid,
-    motion_of: Callable[[Any], Motion] = lambda states: states.motion,
 ) -> SampledRun:
-    """March lanes, or rows (leading axis), over the grid.
+    """March lanes (leading axis) over the grid.
 
     Args:
         march: Marches lanes over a stretch: the lanes at its end, its samples, and its events.
@@ -170,9 +154,10 @@ def march_in_stretches(
         lanes: Where they start.
         first: The first sample.
         grid: The time grid, and what is kept.
-        motion_of: The motion in samples.
     """
-    blocks, events, running = [jax.tree.map(lambda a: np.asarray(a)[:, None], first)], [], None
+    blocks = [jax.tree.map(lambda a: np.asarray(a)[:, None], first)]
+    events = []
+    running = None
     for stretch in grid.stretches(len(lanes.status)):
         counts = stretch.first >= grid.length - grid.counted
         if counts and running is None:
@@ -180,7 +165,7 @@ def march_in_stretches(
             running = RunningAmplitudes(start, grid.step_lengths(scenes))
         lanes, states, some = march(lanes, stretch)
         if running is not None:
-            running.add(motion_of(states))
+            running.add(states.state.motion)
         kept = stretch.kept(grid)
         blocks.append(jax.tree.map(lambda a, kept=kept: a if len(kept) == a.shape[1] else a[:, kept], states))
         events += [] if some is None else [some]
@@ -189,10 +174,13 @@ def march_in_stretches(
     return SampledRun(lanes, samples, amplitudes, concatenated_events(events) if events else None)
 
 
-def values_by_name(states: State, forces: ContactForces) -> dict[str, Any]:
-    """The quantities of states and forces, by the names of results; those that a model lacks are left out."""
+def values_by_name(samples: Sampled) -> dict[str, Any]:
+    """The quantities of samples, by the names of results; those that a model lacks are left out."""
+    states, forces = samples
+    assert forces is not None  # results have them
     of_face = {name: a for name, a in forces._replace(points=ZERO)._asdict().items() if not is_zero(a)}
-    slider, states_of_points = np.where(states.mode == Mode.APART, np.nan, states.u_s), {}
+    slider = np.where(states.mode == Mode.APART, np.nan, states.u_s)
+    states_of_points = {}
     if not is_zero(forces.points):
         of_each = {"mode": states.mode, "u_s": slider, **forces.points._asdict()}
         states_of_points = {f"point_{name}": a for name, a in of_each.items()}

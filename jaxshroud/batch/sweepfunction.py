@@ -9,9 +9,9 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.batch.march_protocol import SweepPlan
-from jaxshroud.batch.marches import march_of, require_march
+from jaxshroud.batch.marches import require_march
 from jaxshroud.batch.periods import LANES_PER_CALL
+from jaxshroud.batch.pure_functions import SweepPlan, lane_outcomes
 from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.stopped import admit, nan_where, replaced_where, status_if_admitted
 from jaxshroud.batch.xla import compiled
@@ -22,7 +22,7 @@ from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.scene.checks import InputError, count_argument
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import require_points
+from jaxshroud.scene.layout import PAIR, require_points
 from jaxshroud.scene.scene import PerBlade, Scene
 from jaxshroud.scene.typed import Tree, typed
 from jaxshroud.scene.valid import in_precision
@@ -51,7 +51,7 @@ def sweep_function(
     The whole sweep is one compiled program, a loop over chunks of 64 lanes on one core, with the kernels and the
     samples of the verb `sweep`. `jax.jit`, `jax.vmap`, `jax.jvp` and `jax.grad` accept it; `jax.shard_map` with
     `check_vma=False`, over lanes, runs it on many devices. Derivatives are those of `rollout`; in chaos they grow
-    without bound. Rows of blades have none yet: that raises a TypeError.
+    without bound.
 
     Args:
         n_periods: Drive periods kept.
@@ -118,23 +118,24 @@ def _by_chunks(run: Callable[[Any], Tree], lanes: Any, count: int) -> Tree:
 def _run_sweep(scenes: Scene, states: State, plan: SweepPlan, method: Choices) -> Strobe:
     """Run all lanes, chunk by chunk; `method` is that of the plan, passed for the decorator."""
     del method
-    pure = march_of(scenes).pure
 
     def run(chunk):
-        return pure.outcomes(chunk[0], chunk[1], plan)
+        return lane_outcomes(chunk[0], chunk[1], plan)
 
     outcomes = _by_chunks(run, (scenes, states), len(scenes.drive.omega))
     stopped = outcomes.status != Status.OK
-    within = pure.within_bounds(stopped, scenes)
+    counting = scenes.layout.counting
+    within = replaced_where(stopped, scenes, 1.0)  # without numbers out of all bounds
     A, P_0 = jax.vmap(lambda scene: (area(scene.shroud), free_power(scene)))(within)
-    motion = Motion._make(jnp.stack(blades, axis=-1) for blades in outcomes.motion)
-    power = jnp.stack(outcomes.power, axis=-1)
-    means = jnp.stack([jnp.stack(blades, axis=-1) for blades in outcomes.means], axis=1)
-    square, means = replaced_where(stopped, (power, means), 0.0)
+    square, means = replaced_where(stopped, (outcomes.power, jnp.stack(outcomes.means, axis=1)), 0.0)
     means = jax.vmap(means_from_static)(within, means)
     about_mean = jax.vmap(vibration_square)(square[:, : means.shape[-1]], means, jax.vmap(gyration)(within.shroud))
     P, P_vibration = A[:, None] * square, A[:, None] * about_mean
-    P_d, P_d_vibration = (power_reduction(pure.counted(a), pure.counted(P_0)) for a in (P, P_vibration))
-    motion = jax.tree.map(lambda a: nan_where(jnp.isnan(a), a), motion)
-    P, P_d, P_d_vibration = nan_where(stopped, (P, P_d, P_d_vibration))
-    return Strobe(motion, P, P_d, P_d_vibration, outcomes.status, jnp.zeros_like(A), pure.free_power(P_0))
+
+    def reduction(power: Any) -> Any:
+        return power_reduction(*(a[:, counting].sum(axis=-1) for a in (power, P_0)))
+
+    motion = jax.tree.map(lambda a: nan_where(jnp.isnan(a), a), outcomes.motion)
+    of_row = None if scenes.layout == PAIR else nan_where(stopped, P_0)
+    P, P_d, P_d_vibration = nan_where(stopped, (P, reduction(P), reduction(P_vibration)))
+    return Strobe(motion, P, P_d, P_d_vibration, outcomes.status, jnp.zeros_like(A), of_row)

@@ -15,12 +15,11 @@ import numpy as np
 from jaxshroud.activity import counted
 from jaxshroud.batch.differentiable_samples import Schedule, samples_with_tangents
 from jaxshroud.batch.duals import Dual
-from jaxshroud.batch.flows import flow_with_tangents
+from jaxshroud.batch.flows import begin_flows, end_flows, flow_with_tangents, lanes_per_flow
 from jaxshroud.batch.limits import CallPace, check_memory
-from jaxshroud.batch.marches import march_of
 from jaxshroud.batch.periods import CallLimits, first_passes
 from jaxshroud.batch.plan import Tick
-from jaxshroud.batch.states import by_blade, from_vector, in_scene_precision, initial_states, motion_rows, to_vector
+from jaxshroud.batch.states import from_vector, in_scene_precision, initial_states, motion_rows, to_vector
 from jaxshroud.batch.threads import Check, in_chunks
 from jaxshroud.batch.xla import best_mapping, repeat_lane
 from jaxshroud.march.method import Choices
@@ -42,7 +41,7 @@ def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Choices, tu
     """
     require_steps(scenes.value.parts.contact)
     lanes = len(scenes.value.drive.omega)
-    few, many = march_of(scenes.value).flows.lanes_per_call
+    few, many = lanes_per_flow(scenes.value.layout)
     width = many if lanes > 2 * few else few
     if turns is None and method.amplitudes:  # one program for both
         turns = np.ones(lanes)
@@ -70,13 +69,13 @@ def _run_in_calls(
     `tick` is called after each with the number of periods that it made, parts of one included.
     """
     omega, layout = scenes.value.drive.omega, scenes.value.layout
-    counts, lengths = jnp.int32(steps), None
+    counts = jnp.int32(steps)
+    lengths = None
     if turns is not None:
         counts, lengths = jnp.asarray(np.ceil(steps * turns), jnp.int32), jnp.asarray(turns, omega.dtype)
-    march = march_of(scenes.value)
-    program = march.flows
     flat = np.asarray(method.flat_return, omega.dtype)
-    lanes, pace = program.begin(scenes, states, method), CallPace(first_passes(len(omega), layout))
+    lanes = begin_flows(scenes, states, method)
+    pace = CallPace(first_passes(len(omega), layout))
     done, reported = 0, 0.0
     while done < n:
 
@@ -91,7 +90,6 @@ def _run_in_calls(
                 turns=lengths,
                 method=method,
                 each=best_mapping(),
-                kernels=march.kernels,
             )
             return end, int(ended)
 
@@ -100,8 +98,7 @@ def _run_in_calls(
         now = done + (float(np.mean(lanes.value.step) / np.mean(counts)) if done < n else 0.0)
         tick(now - reported)
         reported = now
-    value, slope = map(program.expanded, program.end(scenes, lanes, jnp.int32(n), lengths))
-    return Dual(value, slope)
+    return jax.tree.map(np.asarray, end_flows(scenes, lanes, jnp.int32(n), lengths))
 
 
 def without_direction(states: State) -> Dual:
@@ -163,7 +160,9 @@ class TangentProblem(NamedTuple):
     @property
     def duals(self) -> tuple[Dual, Dual]:
         """The scenes and the states of its lanes."""
-        lanes, state, scene = self.lanes, in_scene_precision(self.state, self.scene), without_given(self.scene)
+        lanes = self.lanes
+        state = in_scene_precision(self.state, self.scene)
+        scene = without_given(self.scene)
         still = [jax.tree.map(np.zeros_like, scene)] * (lanes - len(self.directions))
         along = jax.tree.map(lambda *a: np.stack(a), *still, *self.directions)
         size = scene.state_size
@@ -174,8 +173,10 @@ class TangentProblem(NamedTuple):
 
     def tangents(self, flows: Dual) -> Tangents:
         """The tangents from the flow of its lanes."""
-        (value, slope), end = flows, jax.tree.map(lambda a: a[0], end_as_start(flows).value)
-        by, count = to_vector(slope.state), self.by_start
+        value, slope = flows
+        end = jax.tree.map(lambda a: a[0], end_as_start(flows).value)
+        by = to_vector(slope.state)
+        count = self.by_start
         power_by = np.ascontiguousarray(slope.power.T)
         found = Tangents(
             end=end,
@@ -254,7 +255,9 @@ def direction(scene: Scene, key: str) -> Scene:
 
     Numbers that are worked out from it move with it. What the scenes are given by is left out.
     """
-    (row, place), numbers, given = find_key(key, layout=scene.layout), numbers_of(scene), given_of(scene)
+    row, place = find_key(key, layout=scene.layout)
+    numbers = numbers_of(scene)
+    given = given_of(scene)
     holder = given if row.name in DERIVED_BY_KEY else numbers
     old = holder[row.name]
     unit = np.ones(()) if place is None else np.eye(number_shape(row, scene.layout)[0])[place]
@@ -321,7 +324,7 @@ def motions_with_tangents(scenes: Dual, states: Dual, schedule: Schedule, wanted
 
 def _sampled_chunk(scenes: Dual, states: Dual, schedule: Schedule, wanted: int) -> SampledMotions:
     flow = samples_with_tangents(scenes, states, schedule, wanted)
-    value, slope = by_blade(jax.tree.map(lambda a: a[:, :wanted], flow))
+    value, slope = jax.tree.map(lambda a: np.asarray(a[:, :wanted]), flow)
     stopped = (value.status != Status.OK)[..., None]
     first = np.concatenate([*states.value.motion], axis=-1), np.concatenate([*states.tangent.motion], axis=-1)
     rows = [motion_rows(flow.state.motion) for flow in (value, slope)]

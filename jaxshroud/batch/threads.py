@@ -72,7 +72,8 @@ def in_threads(run: Callable[..., Tree], *columns: Iterable[Any]) -> list[Tree]:
         Interrupted: On Ctrl-C; `done` has the results in order, with None for rows that had not ended. What compiles
             cannot be interrupted: its thread is left to end by itself.
     """
-    unwanted, settings = Event(), thread_settings()
+    unwanted = Event()
+    settings = thread_settings()
 
     def check() -> None:
         if unwanted.is_set():
@@ -84,7 +85,8 @@ def in_threads(run: Callable[..., Tree], *columns: Iterable[Any]) -> list[Tree]:
             return run(check, *row)
 
     devices = _devices()
-    pool, calls = ThreadPoolExecutor(max(cores(), len(devices))), []
+    pool = ThreadPoolExecutor(max(cores(), len(devices)))
+    calls = []
     try:
         rows = zip(*columns, strict=True)
         calls.extend(pool.submit(one, device, *row) for device, row in zip(cycle(devices), rows, strict=False))
@@ -132,7 +134,8 @@ def thread_settings() -> dict[str, Any]:
 
 def jax_settings(settings: dict[str, Any]) -> ExitStack:
     """A context with these JAX `settings` for this thread."""
-    stack, own = ExitStack(), thread_settings()
+    stack = ExitStack()
+    own = thread_settings()
     for name, value in settings.items():
         if own[name] != value:
             stack.enter_context(getattr(jax, name)(value))

@@ -132,7 +132,8 @@ def fused(f: Callable, *args: Any) -> Any:
     scalars = [jax.ShapeDtypeStruct(a.shape[1:], a.dtype) for a in leaves]
     one = jax.jit(lambda *a: f(*tree.unflatten(a)), inline=True)  # traced here, once, and inlined in the kernel
     traced = one.trace(*scalars)
-    jaxpr, out_tree = traced.jaxpr, jax.tree.structure(traced.out_info)
+    jaxpr = traced.jaxpr
+    out_tree = jax.tree.structure(traced.out_info)
     if not _is_scalar_program(jaxpr.jaxpr):
         return vmapped(f, *args)
     if not jaxpr.out_avals:
@@ -217,10 +218,12 @@ def best_mapping() -> EachLane:
 def _probe_function(lane: Any) -> dict[str, Any]:
     """A probe: dozens of operations on numbers of every type, with dependent choices, as in a trial step."""
     x, n, held = lane
-    v, passed = jnp.sqrt(jnp.abs(x)), []
+    v = jnp.sqrt(jnp.abs(x))
+    passed = []
     for i in range(2):
         force = jnp.where(held, x * (1 + x * x), x)
-        v, before = v - 0.1 * force, x
+        v = v - 0.1 * force
+        before = x
         x = x + 0.1 * v
         crossed = (x > 0) != (before > 0)
         n, held = jnp.where(crossed, n + i, n), jnp.where(crossed, n % 2 == 0, held | (n > 12))

@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.limits import CallPace
-from jaxshroud.batch.marches import march_of
 from jaxshroud.batch.periods import Clock, lanes_per_call
 from jaxshroud.batch.plan import Plan, Runs, run_log
 from jaxshroud.batch.sampling import SampleGrid
@@ -61,8 +60,7 @@ def zeno_report(scenes: Scene, last: Any, period: np.ndarray, clock: Clock, meth
         return (lane.status, lane.search.events)
 
     again = eqx.tree_at(places, lane, (jnp.zeros_like(lane.status), jnp.zeros_like(lane.search.events)))
-    march, quiet = march_of(scenes), lambda _: None
-    after: Any = run_periods(march, scene, again, clock, 1, method, CallPace(1024), quiet, keep=False)[0]
+    after: Any = run_periods(scene, again, clock, 1, method, CallPace(1024), lambda _: None, keep=False)[0]
     counts = [vars(run_log(of).counters) for of in (lane, after)]
     more = {n: int(np.sum(counts[1][n][0] - a[0])) for n, a in counts[0].items()}
     events = ", ".join(f"{n} {name}" for name, n in sorted(more.items(), key=lambda item: -item[1]) if n)

@@ -14,7 +14,7 @@ from jaxshroud.model.arithmetic import ZERO, Scalar, Zero, is_zero
 from jaxshroud.model.geometry import is_upper
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model
-from jaxshroud.model.rhs import Displacements, Integrals, Means, position_at
+from jaxshroud.model.rhs import Displacements, Integrals, Means
 from jaxshroud.scene.keys import Motion
 
 EventCount = Int[Array, "..."] | Zero
@@ -48,7 +48,8 @@ def count_event(counters: Counters, ending: Ending) -> Counters:
     turn, height = happens(kind, TURN), happens(kind, HEIGHT)
     case, previous = transition.after.case, transition.before.case
     onset_flat, end_flat = (case == FLAT) & (previous != FLAT), (previous == FLAT) & (turn | height)
-    outer, corners = (case == 1) | (case == 4), ~onset_flat & ~end_flat
+    outer = (case == 1) | (case == 4)
+    corners = ~onset_flat & ~end_flat
     occurred = dict(
         onset_slip=onset & (mode != Mode.STICK),
         onset_stick=onset & (mode == Mode.STICK),
@@ -69,9 +70,11 @@ def count_event(counters: Counters, ending: Ending) -> Counters:
 
 def _count_at_points(counters: Counters, ending: Ending) -> Counters:
     """`count_event` of several points: the sums over all of them."""
-    (transition, fired, inside), counted = ending, dict.fromkeys(Counters.__annotations__, 0)
+    transition, fired, inside = ending
+    counted = dict.fromkeys(Counters.__annotations__, 0)
     for before, after in zip(transition.before.mode, transition.after.mode, strict=True):
-        onset, stick = fired & (before == Mode.APART) & (after != Mode.APART), after == Mode.STICK
+        onset = fired & (before == Mode.APART) & (after != Mode.APART)
+        stick = after == Mode.STICK
         held, slid = fired & (before == Mode.STICK), fired & (before != Mode.APART) & (before != Mode.STICK)
         occurred = dict(
             onset_slip=onset & ~stick,
@@ -199,11 +202,6 @@ class Accumulator(NamedTuple):
             integrals=jax.tree.map(jnp.add, self.integrals, gain),
             jumps=None if self.jumps is None else jax.tree.map(jnp.add, self.jumps, jumps),
         )
-
-
-def left_position_at(z: Motion) -> Means:
-    """The position of the left block."""
-    return position_at(z.x[0], z.y[0], z.theta[0])
 
 
 def half_position(at: Means) -> Means:

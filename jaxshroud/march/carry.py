@@ -210,7 +210,8 @@ def event_change(
     events: Events = BUILT_IN_EVENTS,
 ) -> EventChange:
     """The change of a lane at the motion `z`, where the event of number `kind` happens if `fire` is true."""
-    model, soon = fixed.model, fixed.grid.flat * fixed.grid.h
+    model = fixed.model
+    soon = fixed.grid.flat * fixed.grid.h
     view = evaluate_guards(z, Q, start, model, events)
     return change_at(view, z, start, fire, kind, delay, soon, model, events=events)
 
@@ -229,7 +230,8 @@ def change_at(
 ) -> EventChange:
     """`event_change` where the guards are known already; `soon` and `rocks` as of `transition`."""
     change = transition(z, start, view, kind, delay, soon, model, rocks, events)
-    lift, apart = fire & _lifts(kind, start, change), interface_mode(start.mode) == Mode.APART
+    lift = fire & _lifts(kind, start, change)
+    apart = interface_mode(start.mode) == Mode.APART
     jumps = jax.tree.map(lambda a: where(fire, a, 0.0), EnergyJumps(change.energy, change.dropped))
     onset = lift & apart
     return EventChange(view, change, Lift(onset, onset & ~starts_in_overlap(view.at, delay), lift & ~apart), jumps)

@@ -85,7 +85,8 @@ def switch_signs(case: Case) -> tuple[Scalar, Scalar]:
 
 def switch_guards(at: Kinematics, torques: EndTorques, case: Case) -> tuple[Scalar, Scalar]:
     """The values of the guards TURN and HEIGHT in contact."""
-    (turn, height), flat = switch_signs(case), case == FLAT
+    turn, height = switch_signs(case)
+    flat = case == FLAT
     return (
         where(flat, -torques.lower, turn * at.turn - at.turn_rounding),
         where(flat, torques.upper, height * at.height),
@@ -240,7 +241,7 @@ def guards_to_begin_with(guards: Guards, events: Events) -> Guards:
     """The guards before the first trial. An event that is only counted does not happen where it begins above zero."""
     value = list(guards.value)
     for kind in only_counted(guards, events):
-        value[kind] = jnp.ones_like(value[kind])
+        value[kind] = jax.tree.map(jnp.ones_like, value[kind])
     return guards._replace(value=tuple(value))
 
 
@@ -266,7 +267,8 @@ def guards_after_event(
         kind: Its number.
         events: The events of the march.
     """
-    value, waiting = list(after.value), []
+    value = list(after.value)
+    waiting = []
     for counted in only_counted(after, events):
         was_below = (low.value[counted] <= 0) | (end.value[counted] <= 0)
         waits = ~(fire & (kind == counted)) & was_below & (after.value[counted] > 0)

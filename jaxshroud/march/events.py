@@ -251,7 +251,9 @@ def transition(
     The guard was crossed at most `delay` [s] ago. Faces whose rocking returns within `soon` [s] become flat.
     `rocks`: the faces are known to turn to and fro within the step, so that their next turn leads into flat contact.
     """
-    law, at, unprojected = model.law, view.at, z
+    law = model.law
+    at = view.at
+    unprojected = z
     case = _next_case(state, view, kind, soon, model, rocks) if touches_at_corners(model) else view.case
     becomes_flat = (case == FLAT) & (state.case != FLAT)
     if touches_at_corners(model):
@@ -286,7 +288,8 @@ def _next_case(
     rocks: Bool[Array, ""] | None,
 ) -> Int[Array, ""]:
     """The case after the event of number `kind`."""
-    now, turn = view.case, happens(kind, TURN)
+    now = view.case
+    turn = happens(kind, TURN)
     neighbour = where(turn, 5 - now, now + where(tip_is_left(now), 1, -1))
     corner = where(now == FLAT, corner_case(~turn, view.at.height), neighbour)
     case = where(turn | happens(kind, HEIGHT), corner, now)

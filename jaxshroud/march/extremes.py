@@ -45,7 +45,8 @@ def steepest_slope(cubic: HermiteCubic) -> Scalar:
 def updated_extrema(before: StepExtrema, trial: InterfaceTrial) -> StepExtrema:
     """The extremes after a trial step, which may end in an onset."""
     start, z, h, model = trial.start, trial.end, trial.h, trial.model
-    apart, onset = interface_mode(start.mode) == Mode.APART, trial.lift.onset
+    apart = interface_mode(start.mode) == Mode.APART
+    onset = trial.lift.onset
     (v_0, rate_0), (v_1, rate_1) = _penetration(start.motion, start, model), _penetration(z, start, model)
     cubic = HermiteCubic(v_0, v_1, rate_0 * h, rate_1 * h)
     s, inside = cubic_maximum(cubic)
@@ -186,7 +187,8 @@ class MotionSeries(NamedTuple):
 
 def deepest_penetration(inside: ContactSeries) -> Scalar:
     """The largest penetration: at the end, or at the maximum of the cubic in between."""
-    v, s = inside.v.coefficients(inside.order - 1), inside.end
+    v = inside.v.coefficients(inside.order - 1)
+    s = inside.end
     end, rate = polynomial_value_and_rate(v, s)
     top, there = cubic_maximum(HermiteCubic(v[0], end, v[1] * s, rate * s))
     return where(there, jnp.maximum(end, polynomial_value(v, top * s)), end)
@@ -218,10 +220,12 @@ def _of_each_displacement(f: Callable[[Coefficients], Any], inside: MotionSeries
 
 def _polynomial_extent_of(c: Coefficients, s: Scalar) -> Extent:
     """The interval of a polynomial's values within `s`; in each part it turns once at most."""
-    width, values = s / TRIAL_PARTS, [c[0]]
+    width = s / TRIAL_PARTS
+    values = [c[0]]
     end = c[0], c[1]
     for part in range(TRIAL_PARTS):
-        low, start = part * width, end
+        low = part * width
+        start = end
         end = polynomial_value_and_rate(c, low + width)
         cubic = HermiteCubic(start[0], end[0], start[1] * width, end[1] * width)
         at, turns = turning_point(cubic)
@@ -245,8 +249,11 @@ def taylor_peaks(inside: ContactSeries) -> ContactPeaks:
 
 def taylor_extrema(inside: ContactSeries) -> StepExtrema:
     """The extremes of a trial, which may end in an onset."""
-    v, s, apart = inside.v.coefficients(inside.order - 1), inside.end, inside.start.mode == Mode.APART
-    rate, end = _derivative(v), final_closing_speed(inside)
+    v = inside.v.coefficients(inside.order - 1)
+    s = inside.end
+    apart = inside.start.mode == Mode.APART
+    rate = _derivative(v)
+    end = final_closing_speed(inside)
     missed = jnp.full_like(end, jnp.inf)
     for there, top in _polynomial_crests(v, s):
         missed = where(there & apart & (top < 0), jnp.minimum(missed, -top), missed)

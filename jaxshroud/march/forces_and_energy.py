@@ -11,12 +11,11 @@ from jaxshroud.march.carry import PerLane
 from jaxshroud.march.events import place_contact
 from jaxshroud.model.arithmetic import ZERO, Scalar, blended, is_zero, summed, where
 from jaxshroud.model.contact_law import Slider, SummedForces
-from jaxshroud.model.drive import Waves
 from jaxshroud.model.geometry import Case, FaceKinematics, Kinematics, Pose, is_upper, tip_is_left
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.points_contact import interface_mode, points_last
 from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.model.rhs import EndTorques, Ledger, end_torques, law_forces, stored_energy
+from jaxshroud.model.rhs import EndTorques, Ledger, law_forces
 
 
 class ContactForces(NamedTuple):
@@ -52,16 +51,10 @@ def stacked_point_forces(points: Any, zero: Any, axis: int = -1) -> Any:
     return PointForces._make(map(stacked, points))
 
 
-def contact_forces(Q: Waves, state: State, model: Model) -> ContactForces:
-    """The contact forces in a state; flat contact needs the drive's wave `Q` for the place where it acts."""
-    placed = place_contact(state.motion, state, model)
-    return contact_forces_at(placed, end_torques(state.motion, Q, placed[2], state, model), state, model)
-
-
 def contact_forces_at(
     placed: tuple[Pose, Case, Kinematics], torques: EndTorques, state: State, model: Model
 ) -> ContactForces:
-    """`contact_forces` of placed blocks under known torques."""
+    """The contact forces of placed blocks under known torques, by which flat contact finds its place."""
     _, case, at = placed
     forces = law_forces(at, state.motion, state, case, model)
 
@@ -106,16 +99,12 @@ def _flat_contact_position(at: Kinematics, torque: EndTorques, model: Model) -> 
 
     The torque on theta_1 - theta_2 is linear along the overlap, whose ends are the corners d and a, or b and c.
     """
-    l_ab, along = model.block.l_ab, _offset_along_face(at)
+    l_ab = model.block.l_ab
+    along = _offset_along_face(at)
     low = -l_ab / 2 - where(at.height > 0, 0.0, along)
     high = l_ab / 2 - where(at.height > 0, along, 0.0)
     apart = torque.lower - torque.upper
     return low + (high - low) * (torque.lower / where(apart == 0, 1.0, apart))
-
-
-def total_energy(state: State, model: Model) -> Scalar:
-    """The kinetic energy and the energy of the blades' and of the contact springs [J]."""
-    return stored_energy(state.motion, model) + contact_spring_energy(state, model)
 
 
 def contact_spring_energy(state: State, model: Model) -> Scalar:

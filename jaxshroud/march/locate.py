@@ -1,6 +1,6 @@
 """The location of events: the time inside a step at which a guard crosses zero, and the derivative of that time.
 
-Primitives that raise stand for numbers that JAX must not differentiate, or not once more.
+A primitive that raises stands for numbers that JAX must not differentiate once more.
 """
 
 from typing import Any, NamedTuple, NoReturn
@@ -19,37 +19,25 @@ from jaxshroud.model.arithmetic import Pair, Scalar, is_zero, traced_once, where
 from jaxshroud.scene.typed import Tree
 
 
-def _undifferentiated(name: str, message: str) -> Primitive:
-    """The identity, whose derivative raises a TypeError; a custom rule would be lost in reverse mode."""
-
-    def refuse(primals: object, tangents: object) -> NoReturn:
-        raise TypeError(message)
-
-    one = Primitive(name)
-    one.def_impl(lambda a: a)
-    one.def_abstract_eval(lambda a: a)
-    ad.primitive_jvps[one] = refuse
-    batching.primitive_batchers[one] = lambda args, axes: (one.bind(*args), *axes)
-    mlir.register_lowering(one, lambda _, a: [a])
-    return one
+def _refuse(primals: object, tangents: object) -> NoReturn:
+    raise TypeError(
+        "Derivatives through contact events are of first order only: this motion is differentiated twice. "
+        "Take differences of first derivatives instead, or period_map of contact that is smooth or absent."
+    )
 
 
-_first_order = _undifferentiated(
-    "once",
-    "Derivatives through contact events are of first order only: this motion is differentiated twice. "
-    "Take differences of first derivatives instead, or period_map of contact that is smooth or absent.",
-)
-_value_only = _undifferentiated("values", "Rows of blades have no derivatives yet: take differences of values instead.")
+# The identity, whose derivative raises a TypeError; a custom rule would be lost in reverse mode.
+_first_order = Primitive("once")
+_first_order.def_impl(lambda a: a)
+_first_order.def_abstract_eval(lambda a: a)
+ad.primitive_jvps[_first_order] = _refuse
+batching.primitive_batchers[_first_order] = lambda args, axes: (_first_order.bind(*args), *axes)
+mlir.register_lowering(_first_order, lambda _, a: [a])
 
 
 def first_order_only(tree: Tree) -> Tree:
     """The numbers, for which a further derivative raises a TypeError."""
     return jax.tree.map(_first_order.bind, tree)
-
-
-def values_only(tree: Tree) -> Tree:
-    """The numbers of rows, for which any derivative raises a TypeError."""
-    return jax.tree.map(_value_only.bind, tree)
 
 
 CUBIC_TRIALS = 5  # in one bracket; after these, every other trial bisects it
@@ -115,7 +103,8 @@ def guard_cubic(value: tuple, rate: tuple, integral: tuple | None, h: Scalar) ->
     straight line is also taken where neither is known.
     """
     g_0, g_1 = value
-    secant, unknown = g_1 - g_0, (rate[0] == 0) & (rate[1] == 0)
+    secant = g_1 - g_0
+    unknown = (rate[0] == 0) & (rate[1] == 0)
     m_0, m_1 = (where(unknown, secant, m * h) for m in rate)
     if integral is None:
         return HermiteCubic(g_0, g_1, m_0, m_1)
@@ -180,7 +169,9 @@ def judge_trial(search: Search, outcome: TrialOutcome, h: Scalar, method: Choice
     high = where(hit, search.length, search.high)
     below = where(move_low, search.length, search.low)
     finest, tolerance = (event_tolerance(jumps, method, high.dtype) for jumps in (jnp.ones_like(hit), outcome.jumps))
-    target, low, next_end = outcome.target, outcome.low, (below + high) / 2
+    target = outcome.target
+    low = outcome.low
+    next_end = (below + high) / 2
     if target is None or low is None:
         delay = high - below
     else:
@@ -206,7 +197,8 @@ def first_crossed(low: Guards, end: Guards, violated: Violated, otherwise: Targe
 
     Where none is violated, the share is 0 and the target that is given.
     """
-    largest, chosen = (jnp.zeros_like(otherwise.value), jnp.ones_like(otherwise.value)), otherwise
+    largest = (jnp.zeros_like(otherwise.value), jnp.ones_like(otherwise.value))
+    chosen = otherwise
     for kind in violated:
         above = end.value[kind]
         share = above, above - jnp.minimum(low.value[kind], 0.0)  # numerator, denominator
@@ -219,7 +211,11 @@ def first_crossed(low: Guards, end: Guards, violated: Violated, otherwise: Targe
 
 def next_trial_end(target: Target, low: Guards, below: Scalar, high: Scalar, h: Scalar, tolerance: Scalar):
     """The end of the next trial, just beyond the target's root, and the delay of the upper end after it, in steps."""
-    of_target, width = lambda numbers: select_guard(numbers, target.kind), high - below
+
+    def of_target(numbers):
+        return select_guard(numbers, target.kind)
+
+    width = high - below
     integral = _selected_integral(low, target.kind, jnp.zeros_like(width))
     values, rates = (of_target(low.value), target.value), (of_target(low.rate), target.rate)
     cubic = guard_cubic(values, rates, (integral, target.integral), width * h)
@@ -258,7 +254,8 @@ def cubic_root(cubic: HermiteCubic) -> Scalar:
     secant = jnp.clip(-cubic.g_0 / rise, 0.0, 1.0)
     rises = a + secant * (2 * b + secant * 3 * c) > rise / 8
     # the root of a guard that starts at zero and first falls is about that of a parabola
-    square, bends = jnp.maximum(a * a - 4 * b * cubic.g_0, 0.0), b > 0
+    square = jnp.maximum(a * a - 4 * b * cubic.g_0, 0.0)
+    bends = b > 0
     far = where(bends, jnp.minimum((jnp.sqrt(square) - a) / where(bends, 2 * b, 1.0), 1.0), 1.0)
     s = where(rises, secant, far)
     for _ in range(3):

@@ -3,14 +3,14 @@
 What is logged, and how, stands in `logged`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.march.accumulator import Accumulator, EnergyJumps, Log, no_margins
+from jaxshroud.march.accumulator import Accumulator, EnergyJumps, Log
 from jaxshroud.march.carry import Lane, PerLane
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.extremes import ContactSeries, MotionSeries
@@ -18,13 +18,22 @@ from jaxshroud.march.locate import select
 from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Beginning, BladeTrial, InterfaceTrial, Lift, Observable, Per
-from jaxshroud.model.arithmetic import ZERO, Scalar, both_sides, is_unrolled, is_zero, where, zeros_for
-from jaxshroud.model.drive import drive_waves
+from jaxshroud.model.arithmetic import Scalar, both_sides, is_unrolled, where
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.points_contact import interface_mode
-from jaxshroud.model.prepared import Model, State, touches_at_corners
-from jaxshroud.model.rhs import Integrals, rhs
-from jaxshroud.model.row import CaseOfInterfaces, Each, OfInterfaces, RowModel, _at, over, pair_states
+from jaxshroud.model.prepared import Model, State
+from jaxshroud.model.rhs import Integrals
+from jaxshroud.model.row import (
+    CaseOfInterfaces,
+    Each,
+    OfInterfaces,
+    RowModel,
+    alone,
+    at_interface,
+    of_left_blade,
+    over,
+    pair_states,
+    unrolled_places,
+)
 from jaxshroud.scene.keys import Motion
 
 
@@ -43,7 +52,7 @@ class AcceptedTrial(NamedTuple):
     step: Int[Array, "..."]  # in which it was made
     next_step: Int[Array, "..."]  # in which the next one is made
     events: Any = None  # of a pair the `Ending`, None without events; of a row the values that observables give to it
-    by_series: tuple[Any, ...] | None = None  # see `Observable.of_series`, of each; None for Runge-Kutta methods
+    by_series: dict[str, Any] | None = None  # see `Observable.of_series`, by names; None for Runge-Kutta methods
 
 
 def mode_of_smooth_contact(v: OfInterfaces) -> CaseOfInterfaces:
@@ -90,90 +99,19 @@ def value_in(log: Log, name: str) -> Any:
     return log.own[name] if name in log.own else getattr(log, name)
 
 
-def new_accumulator(state: State, model: Model, method: Choices) -> Accumulator:
-    """The accumulator of a lane that starts from `state`."""
-    zero = jnp.zeros_like(state.motion.x[0])
-    _, none = zeros_for(lambda: rhs(drive_waves(zero, zero, model.drive), state, model, method.recorded))
-    jumps = EnergyJumps(zero, zero if touches_at_corners(model) else ZERO) if method.ledger else None
-    margins = no_margins(zero) if method.margins else None
-    return Accumulator(none, jumps, None if method.derivative else _new_log(state, zero, model, method), margins)
-
-
-def _new_log(state: State, zero: Scalar, model: Model, method: Choices) -> Log:
-    contact = Beginning(None, zero, place_contact(state.motion, state, model)[2].v, model)
-    blades = Beginning(state.motion, zero, zero, None)
-
-    def start(one):
-        return one.start(contact) if one.per == "interface" else of_blades(one, one.start, blades)
-
-    return log_of({one.name: start(one) for one in observables_of(method)})
-
-
-def updated_accumulator(accumulator: Accumulator, trial: AcceptedTrial, model: Model, method: Choices) -> Accumulator:
-    """The accumulator after a trial; margins are kept."""
-    accumulator = accumulator.plus(trial.gain, trial.jumps)
-    if accumulator.log is None:
-        return accumulator
-    return accumulator._replace(log=_updated_log(accumulator.log, trial, model, method))
-
-
-def _updated_log(log: Log, trial: AcceptedTrial, model: Model, method: Choices) -> Log:
-    start, end, h, loads = trial.start, trial.end, trial.h, trial.gain.loads
-    mode, by_series, observables = interface_mode(trial.mode), trial.by_series, observables_of(method)
-    contact = InterfaceTrial(h, mode, trial.v, mode == Mode.APART, start, end, trial.lift, loads, model)
-    blades = BladeTrial(start.motion, end, trial.after, h, trial.step, trial.next_step)
-
-    def updated(one: Observable, by_series: Any) -> Any:
-        before = value_in(log, one.name)
-        if one.takes == "event":
-            return before if trial.events is None else one.update(before, trial.events)
-        if one.per == "interface":
-            return one.update(before, contact._replace(by_series=by_series))
-        return of_blades(one, one.update, before, blades._replace(by_series=by_series))
-
-    found = [None] * len(observables) if by_series is None else by_series
-    return log_of({one.name: updated(one, value) for one, value in zip(observables, found, strict=True)})
-
-
-def log_of_new_period(log: Log, z: Motion, method: Choices) -> Log:
-    """The log with the values of single periods reset, at the motion `z`."""
-
-    def reset(one: Observable) -> Any:
-        before = value_in(log, one.name)
-        return one.reset(before, z) if one.per == "interface" else of_blades(one, one.reset, before, z)
-
-    return log_of({one.name: reset(one) for one in observables_of(method)})
-
-
-def found_by_series(contact: ContactSeries, blades: MotionSeries, method: Choices) -> tuple[Any, ...]:
-    """What each observable reads off the polynomials of a trial."""
+def found_by_series(contact: ContactSeries, blades: Sequence[MotionSeries], method: Choices) -> dict[str, Any]:
+    """What each observable reads off the polynomials of a trial, at the interface or of each blade, by their names."""
 
     def found(one: Observable) -> Any:
-        if one.of_series is None:
-            return None
-        return one.of_series(contact) if one.per == "interface" else of_blades(one, one.of_series, blades)
+        read = one.of_series
+        assert read is not None
+        return (
+            at_interface(read(contact))
+            if one.per == "interface"
+            else unrolled_places([read(blade) for blade in blades])
+        )
 
-    return tuple(map(found, observables_of(method)))
-
-
-def of_blades(one: Observable, f: Callable[..., Any], *trees: Any) -> Any:
-    """`f` of each blade that an observable is of, from trees of pairs; the results are pairs again."""
-    if one.per == "left blade":
-        return f(*(_of_side(0, tree) for tree in trees))
-    if one.takes == "all":
-        return f(*trees)
-    left, right = (f(*(_of_side(i, tree) for tree in trees)) for i in (0, 1))
-    return jax.tree.map(lambda a, b: (a, b), left, right, is_leaf=is_zero)
-
-
-def is_of_blades(tree: Any) -> bool:
-    """Whether a tree is a plain tuple of numbers, one of each blade."""
-    return type(tree) is tuple and len(tree) > 0 and not isinstance(tree[0], tuple | None)
-
-
-def _of_side(i: int, tree: Any) -> Any:
-    """A tree with the numbers of one blade in place of pairs."""
-    return jax.tree.map(lambda a: a[i] if is_of_blades(a) else a, tree, is_leaf=is_of_blades)
+    return {one.name: found(one) for one in observables_of(method) if one.of_series is not None}
 
 
 def penetrations(state: State, model: RowModel, each: Each) -> OfInterfaces:
@@ -185,9 +123,10 @@ def _penetration_at(state: State, model: Model) -> Scalar:
     return place_contact(state.motion, state, model)[2].v
 
 
-def new_row_log(state: State, at: OfInterfaces, model: RowModel, method: Choices, each: Each) -> Log:
+def new_log(state: State, at: OfInterfaces, model: RowModel, method: Choices, each: Each) -> Log:
     """The log of a row that starts from `state`; `at` are zeros."""
-    motion, v = model.blades.shroud(state.motion), penetrations(state, model, each)
+    motion = model.blades.shroud(state.motion)
+    v = penetrations(state, model, each)
     contact = Beginning(None, at, v, model.interfaces)
     zero = jax.tree.map(jnp.zeros_like, motion.x)
     blades = Beginning(motion, zero, zero, None)
@@ -195,48 +134,51 @@ def new_row_log(state: State, at: OfInterfaces, model: RowModel, method: Choices
     def start(one):
         if not is_unrolled(at):
             return one.start(contact if one.per == "interface" else blades)
-        return over(each, one.start, contact if one.per == "interface" else blades)
+        if one.per == "left blade":
+            return over(alone, one.start, of_left_blade(blades))
+        return over(alone, one.start, contact if one.per == "interface" else blades)
 
     return log_of({one.name: start(one) for one in observables_of(method)})
 
 
-def updated_row_accumulator(
+def updated_accumulator(
     accumulator: Accumulator, trial: AcceptedTrial, model: RowModel, method: Choices, each: Each
 ) -> Accumulator:
     """The accumulator after a trial; margins are kept."""
     accumulator = accumulator.plus(trial.gain, trial.jumps)
     if accumulator.log is None:
         return accumulator
-    return accumulator._replace(log=_updated_row_log(accumulator.log, trial, model, method, each))
+    return accumulator._replace(log=_updated_log(accumulator.log, trial, model, method, each))
 
 
-def _updated_row_log(log: Log, trial: AcceptedTrial, model: RowModel, method: Choices, each: Each) -> Log:
+def _updated_log(log: Log, trial: AcceptedTrial, model: RowModel, method: Choices, each: Each) -> Log:
     shroud = model.blades.shroud
-    end = shroud(trial.end)
+    observables = observables_of(method)
+    start, end, after = shroud(trial.start.motion), shroud(trial.end), shroud(trial.after)
     contact = InterfaceTrial(trial.h, trial.mode, trial.v, trial.mode == Mode.APART)
-    blades = BladeTrial(shroud(trial.start.motion), end, shroud(trial.after), trial.h, trial.step, trial.next_step)
-    at_once = {
-        one.name: one.update(value_in(log, one.name), contact if one.per == "interface" else blades)
-        for one in observables_of(method)
-        if one.takes == "all" and not is_unrolled(end.x)
+    blades = BladeTrial(start, end, after, trial.h, trial.step, trial.next_step)
+    together = [one for one in observables if one.takes == "all" and not is_unrolled(end.x)]
+    values = {
+        one.name: one.update(value_in(log, one.name), contact if one.per == "interface" else blades) for one in together
     }
-    if is_unrolled(end.x):
-        alone = [one for one in observables_of(method) if one.takes == "all"]
-        at_once = _updated_each(log, contact, [one for one in alone if one.per == "interface"], each)
-        left = [one for one in alone if model.is_pair and one.per == "left blade"]
-        at_once |= {one.name: one.update(value_in(log, one.name), _at(0, blades)) for one in left}
-        at_once |= _updated_each(
-            log, blades, [one for one in alone if one.per != "interface" and one not in left], each
+    others = [one for one in observables if one.takes != "event" and one not in together]
+    at_interfaces = [one for one in others if one.per == "interface"]
+    if at_interfaces:
+        contact = contact._replace(
+            start=pair_states(trial.start, model),
+            end=both_sides(end, model.closed),
+            lift=trial.lift,
+            loads=trial.gain.loads,
+            model=model.interfaces,
         )
-    values = at_once | trial.events
-    if takers_of_one("interface", method):
-        start, end = pair_states(trial.start, model), both_sides(end, model.closed)
-        loads = trial.gain.loads
-        contact = contact._replace(start=start, end=end, lift=trial.lift, loads=loads, model=model.interfaces)
-        values |= _updated_each(log, contact, takers_of_one("interface", method), each)
-    if takers_of_one("blade", method):
-        values |= _updated_each(log, blades, takers_of_one("blade", method), each)
-    return log_of(values)
+        values |= _updated_each(log, contact, at_interfaces, trial.by_series, each)
+    counted = [one for one in others if one.per == "left blade" and model.is_pair]
+    if counted:
+        values |= _updated_each(log, of_left_blade(blades), counted, trial.by_series, each)
+    of_blades = [one for one in others if one not in (*at_interfaces, *counted)]
+    if of_blades:
+        values |= _updated_each(log, blades, of_blades, trial.by_series, each)
+    return log_of(values | trial.events)
 
 
 def takers_of_one(per: Per, method: Choices) -> list[Observable]:
@@ -249,19 +191,25 @@ def takers_of_events(method: Choices) -> list[Observable]:
     return [one for one in observables_of(method) if one.takes == "event"]
 
 
-def _updated_each(log: Log, trial: Any, observables: list[Observable], each: Each) -> dict[str, Any]:
+def _updated_each(log: Log, trial: Any, observables: list[Observable], by_series: Any, each: Each) -> dict[str, Any]:
     """The values of observables after a trial of each interface, or of each blade, in one kernel."""
+    names = [one.name for one in observables]
+    read = {name: by_series[name] for name in names if name in (by_series or {})}
 
-    def updated(values: dict[str, Any], trial: Any) -> dict[str, Any]:
-        return {one.name: one.update(values[one.name], trial) for one in observables}
+    def updated(values: dict[str, Any], read: dict[str, Any], trial: Any) -> dict[str, Any]:
+        return {
+            one.name: one.update(values[one.name], trial._replace(by_series=read.get(one.name))) for one in observables
+        }
 
-    return over(each, updated, {one.name: value_in(log, one.name) for one in observables}, trial)
+    return over(each, updated, {name: value_in(log, name) for name in names}, read, trial)
 
 
-def _reset_in_row(one: Observable, before: Any, z: Motion) -> Any:
+def _reset(one: Observable, before: Any, z: Motion) -> Any:
     if not is_unrolled(z.x):
         return one.reset(before, z)
-    return over(lambda f, *a: f(*a), one.reset, before, both_sides(z, False) if one.per == "interface" else z)
+    if one.per == "interface":
+        z = both_sides(z, False)
+    return over(alone, one.reset, before, of_left_blade(z) if one.per == "left blade" else z)
 
 
 def accumulator_of_new_period(accumulator: Accumulator, z: Motion, method: Choices) -> Accumulator:
@@ -269,5 +217,5 @@ def accumulator_of_new_period(accumulator: Accumulator, z: Motion, method: Choic
     integrals, jumps = jax.tree.map(jnp.zeros_like, (accumulator.integrals, accumulator.jumps))
     log = accumulator.log
     if log is not None:
-        log = log_of({one.name: _reset_in_row(one, value_in(log, one.name), z) for one in observables_of(method)})
+        log = log_of({one.name: _reset(one, value_in(log, one.name), z) for one in observables_of(method)})
     return Accumulator(integrals, jumps, log, accumulator.margins)

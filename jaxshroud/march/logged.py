@@ -44,7 +44,8 @@ from jaxshroud.scene.keys import Motion
 
 
 def _updated_times(before: ContactTimes, trial: InterfaceTrial) -> ContactTimes:
-    apart, stick = trial.apart, trial.mode == Mode.STICK
+    apart = trial.apart
+    stick = trial.mode == Mode.STICK
     return ContactTimes(
         before.apart + where(apart, trial.h, 0.0),
         before.stick + where(stick, trial.h, 0.0),

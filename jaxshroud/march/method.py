@@ -261,8 +261,11 @@ class Taylor(eqx.Module):
     ):
         TaylorOptions(order, tolerance)
         word_argument("precision", precision, Precision)
-        self.order, self.tolerance, self.steps = order, float(tolerance), steps_argument(steps)
-        self.precision, self.flat_return = precision, flat_return_argument(flat_return)
+        self.order = order
+        self.tolerance = float(tolerance)
+        self.steps = steps_argument(steps)
+        self.precision = precision
+        self.flat_return = flat_return_argument(flat_return)
 
     def replace(self, **changes: Any) -> "Taylor":
         """The same method with some of its arguments replaced."""

@@ -33,7 +33,9 @@ class _PointNow(NamedTuple):
 
 
 def _point(m: int, now: ContactNow) -> _PointNow:
-    law, u_s, mode = _law_of_points(now.model), now.state.u_s, now.state.mode[m]
+    law = _law_of_points(now.model)
+    u_s = now.state.u_s
+    mode = now.state.mode[m]
     at, rate = cast(FaceKinematics, now.at), cast(FaceRates, now.rate)
     slider = u_s if is_zero(u_s) else u_s[m]
     return _PointNow(law.laws[m], at.points[m], rate.points[m], slider, mode, mode == Mode.APART)

@@ -143,7 +143,9 @@ def interface_outcome(
     view = interface_view(torque, state, model, events)
     guards = view.guards
     violated = violated_guards(guards, low, counts, events)
-    kind, hit, several = first_kind(violated), any_of(violated.values()), at_least_two(tuple(violated.values()))
+    kind = first_kind(violated)
+    hit = any_of(violated.values())
+    several = at_least_two(tuple(violated.values()))
     jumps = forces_jump(kind, state, model, events)
     rounding = rounding_of(kind, view.at, events)
     exact = jumps & ~several & (select_guard(guards.value, kind) <= rounding)
@@ -188,7 +190,8 @@ def judge_row(
     search: Search, outcome: RowOutcome, active: Bool[Array, ""], h: Scalar, method: Choices
 ) -> LocationDecision:
     """`judge_trial` of one lane that is `active`; else its search goes on as it is."""
-    hit, target = outcome.hits > 0, search.target
+    hit = outcome.hits > 0
+    target = search.target
     if target is not None:
         crossed = outcome.crossed._replace(tries=target.tries)
         target = select(hit, crossed, target._replace(place=crossed.place))

@@ -114,7 +114,7 @@ def _advanced(start: State, h: OfLanes, weights: Array, slopes: tuple[Any, Any],
         return z + h * jnp.sum(by_stage * k, axis=0)
 
     motion = jax.tree.map(add, start.motion, slopes[0])
-    u_s = add(start.u_s, slopes[1]) if model.interfaces.law.flows else start.u_s
+    u_s = jax.tree.map(add, start.u_s, slopes[1]) if model.interfaces.law.flows else start.u_s
     return State(motion, u_s, start.mode, start.case)
 
 
@@ -130,7 +130,8 @@ class RowCrossing(NamedTuple):
 
 def one_after_the_other(crossing: RowCrossing, lane: Lane, place: Any, h: OfLanes, method: Choices) -> RowCrossing:
     """The crossing of the event at `place` alone, in a step of `h` seconds, with those that are left."""
-    search, here = lane.search, is_place(place, crossing.fires)
+    search = lane.search
+    here = is_place(place, crossing.fires)
     assert search.pending is not None
     moves = search.length > 0
     first, eligible = crossing.fires & here, crossing.fires & (search.pending | moves)
@@ -153,7 +154,8 @@ def differentiable_event_end(
 
     The slopes are those of the step by its own length, so that what is computed is differentiated exactly.
     """
-    ends, length = any_along(crossing.fires) & crossing.is_root, lane.search.length
+    ends = any_along(crossing.fires) & crossing.is_root
+    length = lane.search.length
 
     def still():
         return (end, length)

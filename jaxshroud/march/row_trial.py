@@ -43,11 +43,11 @@ from jaxshroud.march.log import (
     AcceptedTrial,
     lane_after,
     mode_of_smooth_contact,
-    new_row_log,
+    new_log,
     penetrations,
     takers_of_events,
     takers_of_one,
-    updated_row_accumulator,
+    updated_accumulator,
     value_in,
 )
 from jaxshroud.march.method import Choices
@@ -85,6 +85,7 @@ from jaxshroud.model.arithmetic import (
 from jaxshroud.model.modes import FLAT, Status
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State
+from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.row import (
     Each,
     FlagOfInterfaces,
@@ -99,7 +100,7 @@ from jaxshroud.model.row import (
 )
 
 
-def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Lane:
+def begin_runge_kutta(state: State, model: RowModel, method: Choices, each: Each) -> Lane:
     """A row at step 0. The first trial has length zero: it sets the guards, and a start in overlap is an onset."""
     lanes = no_time(state)
     count = jnp.zeros(lanes.shape, jnp.int32)
@@ -117,9 +118,16 @@ def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Lan
     if model.interfaces.law.has_events:
         guards = zeros_for(lambda: row_guards(state, (lanes, lanes), model, each, method.all_events))
         guards = guards_to_begin_with(guards, method.all_events)
-    log = None if method.derivative else new_row_log(state, at, model, method, each)
+    return Lane(state, count, search, guards, new_accumulator(nothing, state, model, method, each), count)
+
+
+def new_accumulator(nothing: Integrals, state: State, model: RowModel, method: Choices, each: Each) -> Accumulator:
+    """The accumulator of a row that starts from `state`, with its integrals, which are `nothing` so far."""
+    lanes = no_time(state)
+    at = jax.tree.map(lambda case: jnp.zeros(case.shape, lanes.dtype), state.case)
+    log = None if method.derivative else new_log(state, at, model, method, each)
     margins = over(each, no_margins, at) if method.margins else None
-    return Lane(state, count, search, guards, Accumulator(nothing, EnergyJumps(at, lanes), log, margins), count)
+    return Accumulator(nothing, EnergyJumps(at, lanes) if method.ledger else None, log, margins)
 
 
 def interface_change(
@@ -146,7 +154,8 @@ def interface_change(
         model = eqx.tree_at(lambda m: m.mobility.joint, model, joint)
     view = interface_view(torque, start, model, method.all_events)
     rocks = None if turns is None else turns >= most_turns(grid)
-    soon, events = grid.flat * grid.h, method.all_events
+    soon = grid.flat * grid.h
+    events = method.all_events
     change = change_at(view, start.motion, start, fire, kind, delay, soon, model, rocks, events)
     now = change.transition.after
     u_s, mode, case = select(fire, (now.u_s, now.mode, now.case), (start.u_s, start.mode, start.case))
@@ -273,7 +282,7 @@ def _after_trial(
         next_step=step,
         events=change.counted,
     )
-    accumulator = updated_row_accumulator(lane.accumulator, trial, model, method, each)._replace(margins=change.margins)
+    accumulator = updated_accumulator(lane.accumulator, trial, model, method, each)._replace(margins=change.margins)
     limit = most_events(grid, model.turns_by_events) * len(verdict.outcome.hit)
     too_many = next_search.events > limit
     status = status_of(_turned(after, verdict.not_finite, model), verdict.not_finite, too_many)
@@ -328,7 +337,9 @@ def _as_flat(state: State, becomes_flat: FlagOfInterfaces, model: RowModel, each
     """
     if not model.turns_by_events:
         return state, no_time(state)
-    z, cluster, now = state.motion, clusters(state.case, model), any_along(becomes_flat)
+    z = state.motion
+    cluster = clusters(state.case, model)
+    now = any_along(becomes_flat)
 
     def as_one(a):
         return where(now, cluster.mean(a), a)
@@ -362,7 +373,8 @@ def _turned(state: State, lost: Bool[Array, "..."], model: RowModel) -> Bool[Arr
 
 def _without_events(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method: Choices, each: Each) -> Lane:
     """The rows after a trial of smooth contact, which is accepted in any case."""
-    model, active = fixed.model, running(lane, fixed.stop)
+    model = fixed.model
+    active = running(lane, fixed.stop)
     h = trial_interval(lane, fixed.grid).h
     no = jnp.zeros_like(active)
     v = penetrations(end.state, model, each)
@@ -381,7 +393,7 @@ def _without_events(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method:
         next_step=step,
         events=_of_events(lane.accumulator.log, method),
     )
-    accumulator = updated_row_accumulator(lane.accumulator, trial, model, method, each)
+    accumulator = updated_accumulator(lane.accumulator, trial, model, method, each)
     lost = ~_is_finite(end.state)
     status = status_of(_turned(end.state, lost, model), lost, no)
     later = Lane(end.state, step, next_search, None, accumulator, status)

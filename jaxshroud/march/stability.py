@@ -83,7 +83,8 @@ class _Stiffness(NamedTuple):
 
 
 def _stiffness_of(scene: Scene) -> _Stiffness:
-    b, law = scene.running_blades, prepared_law(scene)
+    b = scene.running_blades
+    law = prepared_law(scene)
     block = corners(scene.running_shroud, scene.contact.reading)
     mass = jnp.concatenate([b.m, b.inertia_y, b.I])
     moves = jnp.array([scene.parts.has(name, i) for name in ("x", "y", "theta") for i in (0, 1)])
@@ -109,7 +110,8 @@ def _relaxation(law: ContactLaw, scene: Scene) -> Scalar:
     """The fastest relaxation rate of the state of a user friction law, at the speed of the free motion."""
     if not law.relaxes:
         return jnp.zeros_like(scene.drive.omega)
-    free, lever = steady_amplitudes(scene), (scene.shroud.l_oa + scene.shroud.l_ab) / 2
+    free = steady_amplitudes(scene)
+    lever = (scene.shroud.l_oa + scene.shroud.l_ab) / 2
     reach = jnp.sum(free_reach(free, "x") + free_reach(free, "y") + lever * free_reach(free, "theta"))
     return law.relaxation(scene.drive.frequency(max(free)) * (reach + jnp.abs(scene.running_shroud.gap)))
 
@@ -119,7 +121,8 @@ def _frequencies(of: _Stiffness, xp: ModuleType, eigenvalues: Callable[[Any], An
 
     `eigenvalues` gives those of symmetric matrices, the largest one last.
     """
-    squares, floor = eigenvalues(of.squares)[..., -1], xp.asarray(of.fading)
+    squares = eigenvalues(of.squares)[..., -1]
+    floor = xp.asarray(of.fading)
     own = xp.maximum(xp.sqrt(squares[..., 2]), floor)
     engaged = xp.maximum(xp.sqrt(xp.maximum(squares[..., 0], squares[..., 1])), floor)
     return xp.maximum(engaged, xp.asarray(of.haste)), own

@@ -5,10 +5,10 @@ from typing import Any, NamedTuple
 
 from jaxshroud.march.carry import EachLane, Fixed, Lane, LaneTree
 from jaxshroud.march.method import Choices
-from jaxshroud.march.pair_as_row import begin_pair, row_trial_of_pair
+from jaxshroud.march.row_trial import begin_runge_kutta, row_trial
 from jaxshroud.march.tableau import TaylorOptions
 from jaxshroud.march.taylor_trial import (
-    begin_taylor,
+    begin_series,
     motion_in_trial,
     taylor_trials,
     trial_and_series,
@@ -16,14 +16,15 @@ from jaxshroud.march.taylor_trial import (
 )
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.contact_law import ContactLaw
-from jaxshroud.model.prepared import Model, State
+from jaxshroud.model.prepared import State
+from jaxshroud.model.row import RowModel
 from jaxshroud.scene.keys import Motion
 
 
 class DenseOutput(NamedTuple):
     """The motion inside the trials, where the stepper knows it."""
 
-    trial: Callable[[Lane, Fixed[Model], Choices], tuple[Any, Any]]
+    trial: Callable[[Lane, Fixed[RowModel], Choices], tuple[Any, Any]]
     """(lane, constants, method) -> the next trial of one lane, and the interpolant there."""
     update: Callable[[LaneTree, LaneTree, LaneTree, Choices, EachLane], LaneTree]
     """(lanes, trials, constants, method, each) -> the lanes after these trials."""
@@ -32,7 +33,7 @@ class DenseOutput(NamedTuple):
 
 
 class Stepper(NamedTuple):
-    """One way to march pairs: how a lane begins, and how it tries a step and is updated by the outcome.
+    """One way to march: how a lane begins, and how it tries a step and is updated by the outcome.
 
     A trial integrates Eq. (1) in the lane's mode and case, over the rest of the step or less. The update accepts it,
     ends it at an event, with the transition there, or rejects it, and sets the next trial. Trees of lanes and of
@@ -41,8 +42,8 @@ class Stepper(NamedTuple):
     variant.
     """
 
-    begin: Callable[[State, Model, Choices], Lane]
-    """A lane at step 0 from a state as pairs. Its first trial checks every guard: a start in overlap is an onset."""
+    begin: Callable[[State, RowModel, Choices, EachLane], Lane]
+    """Lanes at step 0. The first trial checks every guard: a start in overlap is an onset."""
     trial: Callable[[LaneTree, LaneTree, Choices, EachLane], LaneTree]
     """(lanes, constants, method, each) -> the lanes after a trial; unchanged if they have arrived or failed."""
     dense_output: DenseOutput | None
@@ -53,9 +54,9 @@ class Stepper(NamedTuple):
     """A trial is made by several kernels, and the compiled program serves all tolerances."""
 
 
-RUNGE_KUTTA = Stepper(begin_pair, row_trial_of_pair, None, lambda law: True, large_kernels=False)
+RUNGE_KUTTA = Stepper(begin_runge_kutta, row_trial, None, lambda law: True, large_kernels=False)
 POWER_SERIES = Stepper(
-    begin_taylor,
+    begin_series,
     taylor_trials,
     DenseOutput(trial_and_series, update_after_taylor, motion_in_trial),
     lambda law: law.by_series,
@@ -66,8 +67,3 @@ POWER_SERIES = Stepper(
 def stepper_for(method: Choices) -> Stepper:
     """The stepper of a method."""
     return POWER_SERIES if isinstance(method.tableau, TaylorOptions) else RUNGE_KUTTA
-
-
-def begin_lane(state: State, model: Model, method: Choices) -> Lane:
-    """A lane at step 0 from a state as pairs."""
-    return stepper_for(method).begin(state, model, method)

@@ -86,7 +86,8 @@ class Tableau(NamedTuple):
 
         An imaginary `omega_h` stands for a decay, whose exact factor is exp(-abs(omega h)).
         """
-        stages, i_y = [], 1j * np.asarray(omega_h)
+        stages = []
+        i_y = 1j * np.asarray(omega_h)
         for row in self.a:
             stages.append(1 + i_y * sum((w * k for w, k in zip(row, stages, strict=True)), 0j))
         return 1 + i_y * sum(w * k for w, k in zip(self.b, stages, strict=True))

@@ -86,7 +86,8 @@ def first_event(guards: list[Coefficients], h: Scalar, probed: Bool[Array, ""], 
         tries: The number of rejected trials in a row.
     """
     guards = trimmed(guards, h)
-    width, size = h * (1 / TRIAL_PARTS), h.dtype.itemsize
+    width = h * (1 / TRIAL_PARTS)
+    size = h.dtype.itemsize
     found, estimate, (start, middle, last) = _first_crossing(guards, h, width, probed)
     s, missed, error = _refined_root(select_polynomial(guards, estimate.which), estimate, width)
     at_root = [polynomial_value_and_rate(g, s) for g in guards]
@@ -140,7 +141,8 @@ def may_rise(start: tuple, end: tuple, width: Scalar, bound: Scalar) -> Bool[Arr
         bound: A bound of the fourth derivative, divided by 24.
     """
     rise = HermiteCubic(jnp.minimum(start[0], 0.0), jnp.minimum(end[0], 0.0), start[1] * width, end[1] * width)
-    (g_0, g_1, m_0, m_1), (_, b, c) = rise, rise.coefficients
+    g_0, g_1, m_0, m_1 = rise
+    _, b, c = rise.coefficients
     square = width * width
     E = bound * square * square
     highest = reduce(jnp.maximum, (g_0 + m_0 / 4, g_0 + m_0 / 2 + (b + E) / 6, g_1 - m_1 / 4))
@@ -171,9 +173,11 @@ def trimmed(guards: list[Coefficients], like: Scalar) -> list[Coefficients]:
 
 def _first_crossing(guards: list[Coefficients], h: Scalar, width: Scalar, probed: Bool[Array, ""]):
     """Whether a guard rises, an estimate of the first root, and the guards and their rates at the ends of the parts."""
-    zero, none = jnp.zeros_like(h), jnp.zeros((), bool)
+    zero = jnp.zeros_like(h)
+    none = jnp.zeros((), bool)
     estimate = _RootEstimate(h, zero, jnp.int32(0), none, HermiteCubic(zero, zero, zero, zero))
-    found, before = none, [(g[0], g[1]) for g in guards]
+    found = none
+    before = [(g[0], g[1]) for g in guards]
     at_ends = [before]
     for part in range(TRIAL_PARTS):
         ends = [polynomial_value_and_rate(g, width * (part + 1.0)) for g in guards]
@@ -192,7 +196,8 @@ def _first_crossing(guards: list[Coefficients], h: Scalar, width: Scalar, probed
 @traced_once
 def _crossing_in_part(start: tuple, end: tuple, width: Scalar, probed: Bool[Array, ""]):
     """Whether a guard rises in a part, whether by a maximum inside, at which share of the part, and its cubic."""
-    g_0, g_1 = jnp.minimum(start[0], 0.0), end[0]  # a guard that has just been crossed may begin above zero
+    g_0 = jnp.minimum(start[0], 0.0)
+    g_1 = end[0]  # a guard that has just been crossed may begin above zero
     rise = HermiteCubic(g_0, g_1, start[1] * width, end[1] * width)
     top, curvature = rise.interior_maximum  # by the end it may still be above zero
     at_maximum = (curvature > 0) & ~probed
@@ -205,7 +210,9 @@ def _refined_root(chosen: Coefficients, estimate: _RootEstimate, width: Scalar):
 
     From a maximum the search starts on its rising side, at the root of the parabola through the maximum.
     """
-    low, high, rise = estimate.low, estimate.low + width, estimate.rise
+    low = estimate.low
+    high = estimate.low + width
+    rise = estimate.rise
     s = where(estimate.at_maximum, estimate.at, low + width * cubic_root(rise))
     g, rate = polynomial_value_and_rate(chosen, s)
     missed = estimate.at_maximum & (g <= 0)

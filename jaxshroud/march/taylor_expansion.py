@@ -133,11 +133,13 @@ def _switch_series(Q: Waves, place: Placement, now: State, model: Model, order: 
     """The guards of the case, beyond their rounding. When apart they only end a trial: the position sets the case."""
     if not has_torsion(model):
         return []
-    at, torques = place.at, end_torques_under(place.loaded, now.motion, Q, place.at, now, model)
+    at = place.at
+    torques = end_torques_under(place.loaded, now.motion, Q, place.at, now, model)
     leans = EndTorques._make(truncated(a, order - 2) for a in torques)
     turn, height = switch_guards(at._replace(height=truncated(at.height, order - 1)), leans, now.case)
     # where contact ends, LIFT is first
-    flat, torque = now.case == FLAT, model.law.normal_stiffness * model.block.l_ab * at.rounding
+    flat = now.case == FLAT
+    torque = model.law.normal_stiffness * model.block.l_ab * at.rounding
     slack = where(flat, torque, 0.0), where(flat, torque, at.rounding)
     return [(number_of(TURN), turn - slack[0]), (number_of(HEIGHT), height - slack[1])]
 
@@ -155,7 +157,8 @@ TESTED_TOLERANCES = np.geomspace(*TOLERANCE_RANGE, 16)
 
 def integrated_squares(expansion: TaylorExpansion, order: int, s: Scalar, model: Model) -> Pair:
     """The mean squares of the displacements, integrated over `s` radians."""
-    pose, total = expansion.pose, (ZERO, ZERO)
+    pose = expansion.pose
+    total = (ZERO, ZERO)
 
     def mean(a):
         return a if is_zero(a) else polynomial_value(_integrated(a, order), s) / where(s > 0, s, 1.0)
@@ -179,7 +182,8 @@ def _at_node(a: Any, order: int, s: Scalar, t: float) -> Scalar:
 def integrated_means(expansion: TaylorExpansion, order: int, s: Scalar) -> Means:
     """The position of the left block over `s` radians; x and y at the nodes at which their squares are needed."""
     (x, _), (y, _) = expansion.pose.x, expansion.pose.y
-    rule, seconds = list(zip(*lobatto_rule_for(order), strict=True)), s * expansion.unit
+    rule = list(zip(*lobatto_rule_for(order), strict=True))
+    seconds = s * expansion.unit
 
     def at_nodes(a):
         return a if is_zero(a) else seconds * sum(w * _at_node(a, order, s, t) for t, w in rule)

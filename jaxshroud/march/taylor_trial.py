@@ -7,12 +7,13 @@ guard that rises first and the motion there: no trial is repeated to locate an e
 from functools import reduce
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.march.accumulator import displacements_of
+from jaxshroud.march.accumulator import EnergyJumps, displacements_of
 from jaxshroud.march.carry import (
     NEGLIGIBLE_REST,
     EachLane,
@@ -32,9 +33,10 @@ from jaxshroud.march.event import any_of, case_switches
 from jaxshroud.march.events import EVENTS, LIFT, happens, number_of
 from jaxshroud.march.extremes import ContactSeries, MotionSeries, deepest_penetration
 from jaxshroud.march.locate import at_event, select
-from jaxshroud.march.log import AcceptedTrial, found_by_series, new_accumulator, updated_accumulator
+from jaxshroud.march.log import AcceptedTrial, found_by_series, takers_of_events, updated_accumulator, value_in
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Ending
+from jaxshroud.march.row_trial import new_accumulator, no_time
 from jaxshroud.march.taylor_events import (
     TaylorSearch,
     TrialEvent,
@@ -54,12 +56,21 @@ from jaxshroud.march.taylor_expansion import (
     taylor_expansion,
     without_derivatives,
 )
-from jaxshroud.model.arithmetic import Scalar, is_zero, sincos_turns, where
+from jaxshroud.model.arithmetic import ZERO, Scalar, filled, is_zero, of_blade, sincos_turns, where, zeros_for
 from jaxshroud.model.contact_law import linear_law
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, touches_at_corners
 from jaxshroud.model.rhs import Integrals
+from jaxshroud.model.row import (
+    RowModel,
+    alone,
+    along_blades,
+    at_interface,
+    at_only_interface,
+    row_rhs,
+    state_of_row,
+)
 from jaxshroud.model.series import polynomial_value_and_rate
 from jaxshroud.scene.keys import Motion
 
@@ -76,7 +87,7 @@ class TaylorTrial(NamedTuple):
     kind: Int[Array, ""]  # of the event, or of the guard that ended the trial
     event: TrialEvent  # its `end` in radians
     deepest: Scalar | None  # largest penetration [m]; None with derivatives
-    by_series: tuple[Any, ...] | None  # what each observable reads off the polynomials; None with derivatives
+    by_series: dict[str, Any] | None  # what each observable reads off the polynomials; None with derivatives
 
     @property
     def differentiable(self) -> tuple[Any, ...]:
@@ -87,18 +98,39 @@ class TaylorTrial(NamedTuple):
 DisplacementSeries = tuple[Any, Any, Any]  # coefficients of x, y and theta, of both blades
 
 
-def begin_taylor(state: State, model: Model, method: Choices) -> Lane:
+def begin_series(state: State, model: RowModel, method: Choices, each: EachLane) -> Lane:
     """`Stepper.begin`. The first trial rechecks the guards."""
-    zero, count = jnp.zeros_like(state.motion.x[0]), jnp.zeros((), jnp.int32)
-    yes, tolerance = jnp.ones((), bool), zero + method.taylor.tolerance
-    search = TaylorSearch(zero, zero, yes, count - 1, ~yes, count, count, tolerance)
-    return Lane(state, count, search, None, new_accumulator(state, model, method), count)
+    zero = no_time(state)
+    count = jnp.zeros(zero.shape, jnp.int32)
+    yes = jnp.ones(zero.shape, bool)
+    waves = zero, zero
+    nothing = zeros_for(lambda: row_rhs(waves, state, None, model, method.recorded, each)[1])
+    search = TaylorSearch(
+        done=zero,
+        cap=zero,
+        recheck=yes,
+        crossed=count - 1,
+        probing=~yes,
+        events=count,
+        tries=count,
+        tolerance=zero + method.taylor.tolerance,
+    )
+    return Lane(state, count, search, None, new_accumulator(nothing, state, model, method, each), count)
 
 
 def taylor_trials(lanes: LaneTree, fixed: LaneTree, method: Choices, each: EachLane) -> LaneTree:
     """`Stepper.trial`: the trials in one kernel, and what follows from them in another."""
     trials = each(lambda lane, fixed: trial_and_series(lane, fixed, method)[0], lanes, fixed)
     return update_after_taylor(lanes, trials, fixed, method, each)
+
+
+def _of_pair(lane: Lane, fixed: Fixed[RowModel]) -> tuple[Lane, Fixed[Model]]:
+    """A lane and its constants as those of a pair, without the accumulator."""
+    motion, model = lane.state.motion, fixed.model.pair
+    motion = Motion._make((ZERO, ZERO) if is_zero(a) else tuple(a) for a in motion)
+    u_s, mode, case = at_only_interface((lane.state.u_s, lane.state.mode, lane.state.case))
+    state = State(motion, u_s, mode, case)
+    return eqx.tree_at(lambda lane: lane.state, lane, state), Fixed(model, fixed.grid, fixed.stop)
 
 
 def update_after_taylor(
@@ -112,16 +144,16 @@ def update_after_taylor(
     return updated_lanes(update, method, each, lanes, trials, fixed)
 
 
-def trial_and_series(lane: Lane, fixed: Fixed[Model], method: Choices) -> tuple[TaylorTrial, DisplacementSeries]:
+def trial_and_series(row: Lane, constants: Fixed[RowModel], method: Choices) -> tuple[TaylorTrial, DisplacementSeries]:
     """The next trial of a lane, and its displacements as polynomials in radians from the start."""
     order = method.taylor.order
-    expansion, step = taylor_expansion(lane, fixed, order, method.ledger), RADIANS_PER_TURN * fixed.grid.turn
-    constants, frozen = (
-        (lax.stop_gradient((lane, fixed)), without_derivatives(expansion))
-        if method.derivative
-        else ((lane, fixed), expansion)
-    )
-    event, kind = _trial_event(frozen, *constants, order)
+    lane, fixed = _of_pair(row, constants)
+    expansion = taylor_expansion(lane, fixed, order, method.ledger)
+    step = RADIANS_PER_TURN * fixed.grid.turn
+    if method.derivative:
+        event, kind = _trial_event(without_derivatives(expansion), *lax.stop_gradient((lane, fixed)), order)
+    else:
+        event, kind = _trial_event(expansion, lane, fixed, order)
     s = where(event.reject, 0.0, event.end)
     if method.derivative:
         s = _differentiable_end(expansion, order, event, s, _remaining_angle(lane, fixed))
@@ -129,12 +161,16 @@ def trial_and_series(lane: Lane, fixed: Fixed[Model], method: Choices) -> tuple[
     deepest, by_series = (None, None)
     if not method.derivative:
         deepest, by_series = _found_in_trial(expansion, s, lane, event, kind, fixed, method)
+
+    def loads():
+        return integrated_loads(expansion, order, s, lane.state, linear_law(fixed.model.law))
+
     gain = Integrals(
-        integrated_squares(expansion, order, s, fixed.model),
-        integrated_works(expansion, order, s),
-        integrated_moments(expansion, order, s) if method.amplitudes else None,
-        integrated_loads(expansion, order, s, lane.state, linear_law(fixed.model.law)) if method.forces else None,
-        integrated_means(expansion, order, s) if method.vibration else None,
+        power=along_blades(integrated_squares(expansion, order, s, fixed.model)),
+        ledger=integrated_works(expansion, order, s),
+        moments=along_blades(integrated_moments(expansion, order, s)) if method.amplitudes else None,
+        loads=at_interface(loads()) if method.forces else None,
+        means=at_interface(integrated_means(expansion, order, s)) if method.vibration else None,
     )
     trial = TaylorTrial(
         motion=motion_after(displacements, expansion.unit, s),
@@ -187,12 +223,15 @@ def _found_in_trial(
     kind: Int[Array, ""],
     fixed: Fixed[Model],
     method: Choices,
-) -> tuple[Scalar, tuple[Any, ...]]:
+) -> tuple[Scalar, dict[str, Any]]:
     """The largest penetration within `s` radians, and what each observable reads off the polynomials."""
-    order, start, (motion, v, u, *_) = method.taylor.order, lane.state, expansion
+    order = method.taylor.order
+    start = lane.state
+    (motion, v, u, *_) = expansion
     onset = (start.mode == Mode.APART) & event.fire & happens(kind, LIFT)
     contact = ContactSeries(v, u, expansion.unit, order, s, start, onset, linear_law(fixed.model.law))
-    return deepest_penetration(contact), found_by_series(contact, MotionSeries(motion, order, s), method)
+    blades = [MotionSeries(own, order, s) for own in (of_blade(i, motion)[0] for i in (0, 1))]
+    return deepest_penetration(contact), found_by_series(contact, blades, method)
 
 
 def _accurate_length(expansion: TaylorExpansion, order: int, tolerance: Scalar, fixed: Fixed[Model]) -> Scalar:
@@ -256,56 +295,62 @@ def motion_after(displacements: DisplacementSeries, unit: Scalar, s: Scalar) -> 
     return Motion(x=x, y=y, theta=theta, v_x=v_x, v_y=v_y, v_theta=v_theta)
 
 
-def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[Model], method: Choices) -> Lane:
+def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[RowModel], method: Choices) -> Lane:
     """The lane after its `trial`; unchanged if it has arrived or failed."""
-    model, grid, event = fixed.model, fixed.grid, trial.event
-    start, search = lane.state, lane.search
+    row, event, search = fixed.model, trial.event, lane.search
+    own, fixed_pair = _of_pair(lane, fixed)
+    model, grid, start = fixed_pair.model, fixed.grid, own.state
     assert isinstance(search, TaylorSearch)
-    active, z = running(lane, fixed.stop), trial.motion
+    active = running(lane, fixed.stop)
+    z = trial.motion
     apart = start.mode == Mode.APART
     # when apart, a change of the case has no effect
     fire = event.fire & ~(apart & (trial.kind != number_of(LIFT))) & active
-    next_search, step = _next_taylor_search(lane, trial, fire, fixed)
+    next_search, step = _next_taylor_search(lane, trial, fire)
     done = step.astype(grid.turn.dtype) + next_search.done
     Q = drive_waves(*sincos_turns(grid.start + done * grid.turn), model.drive)
     h = trial.length * grid.h
-    change = event_change(z, Q, start, fire, trial.kind, h, fixed)
+    change = event_change(z, Q, start, fire, trial.kind, h, fixed_pair)
     transition = change.transition
+    ending = Ending(transition, fire, event.inside)
+    log = lane.accumulator.log
+    counted = {} if log is None else {one: value_in(log, one.name) for one in takers_of_events(method)}
     accepted = AcceptedTrial(
-        start=start,
-        mode=start.mode,
+        start=lane.state,
+        mode=lane.state.mode,
         h=h,
-        end=z,
-        after=z,
-        v=trial.deepest,
-        lift=change.lift,
+        end=along_blades(z),
+        after=along_blades(z),
+        v=at_interface(trial.deepest),
+        lift=at_interface(change.lift),
         gain=trial.gain,
-        jumps=change.jumps,
+        jumps=EnergyJumps(at_interface(change.jumps.springs), filled(change.jumps.dropped, h)),
         step=lane.step,
         next_step=step,
-        events=Ending(transition, fire, event.inside),
+        events={one.name: at_interface(one.update(at_only_interface(a), ending)) for one, a in counted.items()},
         by_series=trial.by_series,
     )
-    accumulator = updated_accumulator(lane.accumulator, accepted, model, method)
-    accumulator = accumulator._replace(margins=updated_margins(accumulator.margins, change, fire, model))
-    lost, tries = ~is_finite(z), jnp.maximum(next_search.events, next_search.tries)
+    accumulator = updated_accumulator(lane.accumulator, accepted, row, method, alone)
+    margins = updated_margins(at_only_interface(accumulator.margins), change, fire, model)
+    accumulator = accumulator._replace(margins=at_interface(margins))
+    lost = ~is_finite(z)
+    tries = jnp.maximum(next_search.events, next_search.tries)
     too_many = tries > most_events(grid, touches_at_corners(model))
     status = status_of(turned_too_far(z, lost), lost, too_many)
     state = select(fire, transition.after, State(z, start.u_s, start.mode, start.case))
     # contact may begin flat although one end of the overlap already pulls
     next_search = next_search._replace(recheck=next_search.recheck | (fire & (transition.after.case == FLAT)))
-    return select(active, Lane(state, step, next_search, None, accumulator, status), lane)
+    return select(active, Lane(state_of_row(state), step, next_search, None, accumulator, status), lane)
 
 
-def _next_taylor_search(
-    lane: Lane, trial: TaylorTrial, fire: Bool[Array, ""], fixed: Fixed[Model]
-) -> tuple[TaylorSearch, Int[Array, ""]]:
+def _next_taylor_search(lane: Lane, trial: TaylorTrial, fire: Bool[Array, ""]) -> tuple[TaylorSearch, Int[Array, ""]]:
     """The search of the next trial, and the clock."""
     search, event = lane.search, trial.event
     done = search.done + trial.length
     negligible = NEGLIGIBLE_REST[done.dtype.itemsize]
     completed = jnp.floor(done + negligible)
-    done, completed = jnp.maximum(done - completed, 0.0), completed.astype(jnp.int32)
+    done = jnp.maximum(done - completed, 0.0)
+    completed = completed.astype(jnp.int32)
     done = where(done < negligible, 0.0, done)
     events = where(completed > 0, 0, search.events) + event.fire.astype(jnp.int32)
     moved = (trial.length > 0) | fire

@@ -145,6 +145,11 @@ def is_unrolled(value: object) -> bool:
     return isinstance(value, Unrolled)
 
 
+def is_of_blades(tree: Any) -> bool:
+    """Whether a tree is a plain tuple of numbers, one of each blade."""
+    return type(tree) is tuple and len(tree) > 0 and not isinstance(tree[0], tuple | None)
+
+
 def is_zero(value: object) -> bool:
     """Whether a number is left out."""
     return isinstance(value, Zero)
@@ -209,8 +214,16 @@ def blended(share: Any, yes: Any, no: Any) -> Any:
 
 def filled(tree: Any, like: Any) -> Any:
     """The `tree` with zeros in place of absent numbers, of the shape and type of `like`."""
-    zeros = np.zeros_like if isinstance(like, np.ndarray) else jnp.zeros_like
-    return jax.tree.map(lambda a: zeros(like) if is_zero(a) else a, tree, is_leaf=is_zero)
+    number = jax.tree.leaves(like)[0]
+    zero = (np.zeros_like if isinstance(number, np.ndarray) else jnp.zeros_like)(number)
+    whole = Unrolled(*[zero] * len(like)) if is_unrolled(like) else zero
+
+    def fill(a: Any) -> Any:
+        if is_unrolled(a):
+            return Unrolled(*(zero if is_zero(one) else one for one in a))
+        return whole if is_zero(a) else a
+
+    return jax.tree.map(fill, tree, is_leaf=lambda a: is_zero(a) or is_unrolled(a))
 
 
 def summed(terms: Iterable[Any]) -> Any:
@@ -263,7 +276,8 @@ def _polynomial(coefficients: tuple[float, ...], x: Float[Array, "..."]) -> Floa
     if len(coefficients) == 1:
         return jnp.full_like(x, coefficients[0])
     pairs = [c if i + 1 == len(coefficients) else c + coefficients[i + 1] * x for i, c in enumerate(coefficients)][::2]
-    total, square = pairs[-1], x * x
+    total = pairs[-1]
+    square = x * x
     for pair in reversed(pairs[:-1]):
         total = pair + square * total
     return jnp.asarray(total)

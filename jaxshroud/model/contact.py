@@ -72,7 +72,9 @@ def sprung_load(at: ContactKinematics, k: Scalar, N: Scalar, F: Scalar, case: Ca
     The offset is e = u t + v n, so that -N n - F t = -G t - k e with G = F - k u. In axes along the face, where the
     face's own corner is at rest, the moment on its block is that of the force at this corner, less v G.
     """
-    left_tip, (e_x, e_y), (t_x, t_y) = tip_is_left(case), at.offset, at.tangent
+    left_tip = tip_is_left(case)
+    e_x, e_y = at.offset
+    t_x, t_y = at.tangent
     G = F - k * at.u
     R_x, R_y = -(G * t_x) - k * e_x, -(G * t_y) - k * e_y
     (l_x, r_x), (l_y, r_y) = at.corner, at.corner_y
@@ -80,7 +82,8 @@ def sprung_load(at: ContactKinematics, k: Scalar, N: Scalar, F: Scalar, case: Ca
     upper = is_upper(case)
     x = where(left_tip, -where(upper, block.b_x, block.a_x), -where(upper, block.a_x, block.b_x))
     y = where(left_tip == upper, block.h_y, -block.h_y)
-    along, across = x * block.cos_alpha + y * block.sin_alpha, x * block.sin_alpha - y * block.cos_alpha
+    along = x * block.cos_alpha + y * block.sin_alpha
+    across = x * block.sin_alpha - y * block.cos_alpha
     face = along * N - across * F - G * at.v
     return Load(R_x, R_y, (where(left_tip, tip, face), where(left_tip, face, tip)))
 
@@ -91,7 +94,9 @@ def _printed_moments(normal, friction, at: ContactKinematics, case, block: Corne
     Only the moment about the face's own block is misprinted: M_N2 in cases 1 and 3, M_N1 in cases 2 and 4; except
     for the sign of M_N1 in (21). Flat contact is not in the article.
     """
-    left_tip, height, sin_A = tip_is_left(case), at.height, at.normal[0]
+    left_tip = tip_is_left(case)
+    height = at.height
+    sin_A = at.normal[0]
     across_a = block.a_x * block.sin_alpha - block.h_y * block.cos_alpha  # l_ap sin(alpha - varphi_1) / 2
     if "levers" in reading:  # the lever ends at the corner's *height* on the face, and friction's is constant
         along_a = block.a_x * block.cos_alpha + block.h_y * block.sin_alpha  # l_ap cos(alpha - varphi_1) / 2

@@ -41,9 +41,12 @@ def corners(shroud: Shroud, reading: frozenset[str] = frozenset(), points: Conta
         as for a block drawn leaning to the left: a and b exchange their distances from the centre, and the angle of the
         faces stays. Flat contact of such a block is only approximate, as its corners are not the ends of one face.
     """
-    sin_alpha, cos_alpha = jnp.sin(shroud.alpha), jnp.cos(shroud.alpha)
+    sin_alpha = jnp.sin(shroud.alpha)
+    cos_alpha = jnp.cos(shroud.alpha)
     lean = shroud.l_ab * cos_alpha / 2
-    far, near, h_y = shroud.l_oa / 2 + lean, shroud.l_oa / 2 - lean, shroud.l_ab * sin_alpha / 2
+    far = shroud.l_oa / 2 + lean
+    near = shroud.l_oa / 2 - lean
+    h_y = shroud.l_ab * sin_alpha / 2
     if "corner_angles" in reading:
         along = shroud.l_ab * (sin_alpha**2 - cos_alpha**2)
         return Corners(near, far, h_y, sin_alpha, cos_alpha, shroud.gap, along)
@@ -150,11 +153,13 @@ def face_kinematics(q: Pose, block: Corners) -> FaceKinematics:
     mean, lean = rotation((q.theta[0] + q.theta[1]) / 2), rotation((q.theta[0] - q.theta[1]) / 2)
     sin_A = block.sin_alpha * (1 - mean[1]) - block.cos_alpha * mean[0]
     cos_A = block.cos_alpha * (1 - mean[1]) + block.sin_alpha * mean[0]
-    v, u = e_x * sin_A - d_y * cos_A, e_x * cos_A + d_y * sin_A
+    v = e_x * sin_A - d_y * cos_A
+    u = e_x * cos_A + d_y * sin_A
     terms = (*q.x, *q.y, dl_x, dr_x, dl_y, dr_y, block.gap)
 
     def at(point: FacePoint) -> PointKinematics:
-        opening, turned = 2 * (point.place * lean[0]), (point.place * theta for theta in q.theta)
+        opening = 2 * (point.place * lean[0])
+        turned = (point.place * theta for theta in q.theta)
         return PointKinematics(v + opening, u, rounding_of_sum((*terms, *turned)), point.place * (1 - lean[1]))
 
     points = tuple(map(at, block.points))

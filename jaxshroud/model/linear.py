@@ -95,7 +95,8 @@ def _steady_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Amplitudes:
 
         load = drive.parts(name, kept)
         force = lax.complex(load.re, load.im)
-        detuning, loss = k - m * omega**2, c * omega
+        detuning = k - m * omega**2
+        loss = c * omega
         stiffness = lax.complex(detuning, loss)
         # driven at its natural frequency, up to the rounding of numbers
         is_undamped = (loss == 0) & (jnp.abs(detuning) <= RESONANCE_ROUNDINGS * jnp.finfo(omega.dtype).eps * k)
@@ -131,7 +132,8 @@ def free_power(scene: Scene) -> PerBlade:
         About the static position, over a centrally symmetric block, P_0 = A <x^2 + y^2> + 4 J_A <sin^2(theta/2)>; the
         mean of sin^2(Theta sin(tau) / 2) is (1 - J_0(Theta)) / 2, here by the trapezoidal rule, exact to rounding.
     """
-    free, s = {n: one for n, one in steady_amplitudes(scene).items() if n > 0}, scene.shroud
+    free = {n: one for n, one in steady_amplitudes(scene).items() if n > 0}
+    s = scene.shroud
     points = SWING_POINTS * (1 if len(free) == 1 else max(free))
     tau = jnp.linspace(0, 2 * jnp.pi, points, endpoint=False, dtype=s.gap.dtype)
     angle = free_reach(free, "theta")
@@ -188,7 +190,8 @@ def vibration_square(square: Any, means: Any, gyration: Any) -> Any:
 
 def free_oscillations(scene: Scene) -> FreeOscillation:
     """The free oscillations of both blocks in x, y and theta: fields (2, 3)."""
-    b, free = scene.mistuned_blades, steady_amplitudes(scene)
+    b = scene.mistuned_blades
+    free = steady_amplitudes(scene)
 
     def stack(*columns):
         return jnp.stack(columns, axis=-1)
@@ -222,13 +225,16 @@ def free_components(
     imaginary amplitude, on which the `free_propagators` act. With `from_static` the displacement that these give is
     that from the static position under the mean loads.
     """
-    swing, drive = free_oscillations(scene), scene.drive
+    swing = free_oscillations(scene)
+    drive = scene.drive
     moves = jnp.array([[scene.parts.has(name, i) for name in ("x", "y", "theta")] for i in (0, 1)])
     deviation = jnp.where(moves, jnp.stack([first.x, first.y, first.theta], axis=-1), 0.0)
     rate = jnp.where(moves, jnp.stack([first.v_x, first.v_y, first.v_theta], axis=-1), 0.0)
-    phase, components = sincos_turns(turns), []
+    phase = sincos_turns(turns)
+    components = []
     for n, steady in swing.steady.items():
-        (s, c), (re, im) = multiple_angle(*phase, n), (steady.real, steady.imag)
+        s, c = multiple_angle(*phase, n)
+        re, im = steady.real, steady.imag
         re, im = re * c - im * s, re * s + im * c  # the amplitude with its phase measured from there
         deviation, rate = deviation - im, rate - drive.frequency(n) * re
         components += [0 * re, 0 * im] if from_static and n == 0 else [re, im]
@@ -239,11 +245,13 @@ def free_propagators(
     scene: Scene, t: Float[Array, " n"]
 ) -> tuple[Float[Array, "n 2 3 components"], Float[Array, "n 2 3 components"]]:
     """The displacement and the speed, a time `t` later, of a unit of each of the `free_components`."""
-    swing, t = free_oscillations(scene), t[:, None, None]
+    swing = free_oscillations(scene)
+    t = t[:, None, None]
     even, odd = decay_factors(swing, t)
     omegas = [scene.drive.frequency(n) for n in swing.steady]
     waves = [tuple(jnp.broadcast_to(f(omega * t), even.shape) for f in (jnp.sin, jnp.cos)) for omega in omegas]
-    stiffness, lag = swing.square + swing.damping**2, swing.damping * odd
+    stiffness = swing.square + swing.damping**2
+    lag = swing.damping * odd
     place = jnp.stack([even + lag, odd, *chain(*waves)], axis=-1)
     rates = ((omega * c, -omega * s) for omega, (s, c) in zip(omegas, waves, strict=True))
     return place, jnp.stack([-stiffness * odd, even - lag, *chain(*rates)], axis=-1)

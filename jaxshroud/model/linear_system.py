@@ -59,7 +59,8 @@ def flow_matrix(scene: Scene, kind: str) -> Any:
     Source:
         Re L, and Im L over the frequency of the drive, as in `forces_of_flow`; it is not symmetric.
     """
-    omega, after = scene.drive.omega, next_blade(scene.layout)
+    omega = scene.drive.omega
+    after = next_blade(scene.layout)
     whole = 0 * omega[..., None, None] * np.zeros(after.shape, omega.dtype)
     for name, shift in (("L0", np.eye(len(after))), ("L1", after), ("L_1", after.T)):
         L = scene.aero.coefficient(name)
@@ -108,7 +109,8 @@ def complex_loads(scene: Scene, drive: AnyLoad) -> Complex[Array, "coordinates"]
 
 def mean_loads(scene: Scene) -> Any:
     """The mean loads (..., 3 N) on the coordinates that move."""
-    mean, m = scene.drive.harmonics().get(0), scene.blades.m
+    mean = scene.drive.harmonics().get(0)
+    m = scene.blades.m
     xp = m.__array_namespace__()
     parts = [0 * m] * 3 if mean is None else [mean.load(name) for name in COORDINATES]
     return xp.where(moving_coordinates(scene), xp.concatenate(parts, axis=-1), 0.0)
@@ -131,7 +133,8 @@ def coupled_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Complex[Arr
 def _of_lumped_blades(scene: Scene, omega: Scalar, load: Any) -> Any:
     """Coordinate by coordinate, as lumped blades have them apart."""
     mass, damping, stiffness = free_system(scene)
-    count, moves = scene.layout.blades, moving_coordinates(scene)
+    count = scene.layout.blades
+    moves = moving_coordinates(scene)
     dynamic = lax.complex(stiffness - jnp.diag(mass * omega**2), damping * omega)
     held = jnp.where(moves[:, None] & moves, dynamic, np.eye(len(moves), dtype=dynamic.dtype))
     alone = [slice(i * count, (i + 1) * count) for i in range(3)]
@@ -209,12 +212,14 @@ def directions(moves: np.ndarray, flat: np.ndarray, closed: bool) -> np.ndarray:
         flat: Whether the faces of each interface are flat on each other, (lanes, interfaces).
         closed: Whether the last block touches the first.
     """
-    n, lanes = len(moves) // 3, len(flat)
+    n = len(moves) // 3
+    lanes = len(flat)
     first = np.tile(np.arange(n), (lanes, 1))
     for _ in range(2 if closed else 1):
         for j in range(flat.shape[1]):
             right = (j + 1) % n
-            low, high = np.minimum(first[:, j], first[:, right]), np.maximum(first[:, j], first[:, right])
+            low = np.minimum(first[:, j], first[:, right])
+            high = np.maximum(first[:, j], first[:, right])
             joined = flat[:, j, None] & (first == high[:, None])
             first = np.where(joined, low[:, None], first)
     free = np.zeros((lanes, 3 * n, 3 * n))

@@ -74,11 +74,16 @@ class Model(eqx.Module):
 
 def prepared_model(scene: Scene) -> Model:
     """The constants of a scene."""
-    s, drive, reading = scene.running_shroud, excitation(scene.drive), scene.contact.reading
-    block, law, size = corners(s, reading, scene.contact.points), prepared_law(scene), gyration(s)
+    s = scene.running_shroud
+    drive = excitation(scene.drive)
+    reading = scene.contact.reading
+    block = corners(s, reading, scene.contact.points)
+    law = prepared_law(scene)
+    size = gyration(s)
     blades, block, drive, size = as_pairs((lumped_blades(scene.running_blades), block, drive, size))
     static = as_pairs(static_position(scene))
-    mobility, coupling = _mobility(scene), neighbour_springs(scene)
+    mobility = _mobility(scene)
+    coupling = neighbour_springs(scene)
     return Model(blades, block, law, drive, size, mobility, static, coupling, reading, scene.parts)
 
 
@@ -94,7 +99,9 @@ def _mobility(scene: Scene) -> Mobility:
 
 
 def _spring_contact(scene: Scene) -> ContactLaw:
-    k, rubs, points = scene.k, scene.parts.friction != "none", scene.contact.points
+    k = scene.k
+    rubs = scene.parts.friction != "none"
+    points = scene.contact.points
     if points is not None:
         shares = tuple(points.shares[m] for m in range(points.number))
         element = _friction_element(k, scene) if rubs else None
@@ -170,7 +177,8 @@ def _friction_element(k: Scalar, scene: Scene) -> dict[str, Scalar]:
 
 def _free_speed(scene: Scene) -> Scalar:
     """The largest approach speed of the free blades, and at least one gap per radian [m/s]."""
-    free, drive = steady_amplitudes(scene), scene.drive
+    free = steady_amplitudes(scene)
+    drive = scene.drive
     x = free_reach(free, "x")
     return drive.frequency(max(free)) * (x[0] + x[1] + jnp.abs(scene.running_shroud.gap))
 

@@ -87,9 +87,11 @@ class EndTorques(NamedTuple):
 
 def torques_along_face(torque: Scalar, forces: Forces, at: Kinematics, state: State, model: Model) -> EndTorques:
     """`end_torques` from the `torque` with contact at the corner of the current case."""
-    along, corner = forces.N * model.block.l_ab, model.law.shift_torque(at, forces, state.mode)
+    along = forces.N * model.block.l_ab
+    corner = model.law.shift_torque(at, forces, state.mode)
     shift = where(is_upper(state.case), along, ZERO) - where(tip_is_left(state.case), corner, ZERO)
-    at_d, higher = torque + shift, at.height > 0
+    at_d = torque + shift
+    higher = at.height > 0
     return EndTorques(at_d + where(higher, corner, ZERO), at_d - along + where(higher, ZERO, corner))
 
 
@@ -267,7 +269,8 @@ def rhs_at(
     place: Placement, Q: Waves, now: State, model: Model, recorded: Recorded
 ) -> tuple[StateDerivative, Integrals]:
     """`rhs` where the position is known already."""
-    contact, z = contact_effects(place, now, model, recorded), now.motion
+    contact = contact_effects(place, now, model, recorded)
+    z = now.motion
     ledger = None if contact.lost is None else works(z, Q, contact.lost, model)
     moments = displacement_moments(z) if recorded.moments else None
     a = accelerations(z, Q, contact.load, model)
@@ -280,9 +283,6 @@ def rhs_at(
     means = left_position(q) if recorded.means else None
     integrals = Integrals(mean_square(q, model.gyration, model.static), ledger, moments, contact.loads, means)
     return StateDerivative(a, contact.u_s), integrals
-
-
-rhs_once = jax.jit(rhs, static_argnames="recorded", inline=True)  # traced once for all stages
 
 
 def stored_energy(z: Motion, model: Model) -> Scalar:

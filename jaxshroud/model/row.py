@@ -28,6 +28,7 @@ from jaxshroud.model.arithmetic import (
     Unrolled,
     Zero,
     both_sides,
+    is_of_blades,
     is_unrolled,
     is_zero,
     left_of_interfaces,
@@ -97,7 +98,16 @@ class RowModel(eqx.Module):
     aero: AeroMatrices | None  # of the flow
     closed: bool = eqx.field(static=True)
     parts: Parts = eqx.field(static=True)
-    is_pair: bool = eqx.field(static=True, default=False)  # works are those of both blades, means of the left one
+
+    @property
+    def is_pair(self) -> bool:
+        """Whether it is an unrolled pair."""
+        return is_unrolled(self.blades.I)
+
+    @property
+    def pair(self) -> Model:
+        """The pair, of an unrolled one."""
+        return at_only_interface(self.interfaces)
 
     @property
     def turns(self) -> bool:
@@ -110,12 +120,62 @@ class RowModel(eqx.Module):
         return self.turns and self.interfaces.law.has_events and not self.interfaces.law.has_points
 
 
+def along_blades(tree: Any) -> Any:
+    """A tree of pairs along an unrolled axis of blades."""
+
+    def along(a: Any) -> Any:
+        if not is_of_blades(a):
+            return a
+        return ZERO if all(map(is_zero, a)) else Unrolled(*a)
+
+    return jax.tree.map(along, tree, is_leaf=is_of_blades)
+
+
+def at_interface(tree: Any) -> Any:
+    """A tree of numbers of the only interface along an unrolled axis of interfaces."""
+    return jax.tree.map(Unrolled, tree)
+
+
+def at_only_interface(tree: Any) -> Any:
+    """The inverse of `at_interface`."""
+    return jax.tree.map(lambda a: a[0] if is_unrolled(a) else a, tree, is_leaf=is_unrolled)
+
+
+def state_of_row(state: State) -> State:
+    """The state of a pair as one of a row."""
+    u_s, mode, case = at_interface((state.u_s, state.mode, state.case))
+    return State(along_blades(state.motion), u_s, mode, case)
+
+
+def of_left_blade(tree: Any) -> Any:
+    """A tree along an unrolled axis of blades with the left one alone."""
+    return jax.tree.map(lambda a: Unrolled(a[0]) if is_unrolled(a) else a, tree, is_leaf=is_unrolled)
+
+
+def row_of_pair(model: Model) -> RowModel:
+    """The row of a pair, unrolled."""
+    return RowModel(
+        blades=along_blades(model.blades),
+        drive=along_blades(model.drive),
+        inverse=along_blades(model.mobility.inverse),
+        gyration=model.gyration,
+        static=along_blades(model.static),
+        interfaces=at_interface(model),
+        coupling=at_interface(model.coupling),
+        aero=None,
+        closed=False,
+        parts=model.parts,
+    )
+
+
 def prepared_row(scene: Scene) -> RowModel:
-    """The constants of a row; without an axis of lanes."""
+    """The constants of a row, or of a pair, which is an unrolled one; without an axis of lanes."""
     row = scene.row
-    assert row is not None
+    if row is None:
+        return row_of_pair(prepared_model(scene))
     pairs = jax.vmap(lambda j: prepared_model(pair_at(scene, j)))(jnp.arange(row.interfaces))
-    blades, drive = blades_of_row(scene), excitation(scene.drive)
+    blades = blades_of_row(scene)
+    drive = excitation(scene.drive)
     return RowModel(
         blades,
         drive,
@@ -169,7 +229,7 @@ def over(each: Each, f: Callable[..., Any], *trees: Any) -> Any:
     lengths = {len(a) for a in jax.tree.leaves(trees, is_leaf=is_unrolled) if is_unrolled(a)}
     if lengths:
         (length,) = lengths
-        return _unrolled([each(f, *_at(i, trees)) for i in range(length)])
+        return unrolled_places([each(f, *_at(i, trees)) for i in range(length)])
     shape = max((a.shape for a in jax.tree.leaves(trees)), key=len)
     flat = jax.tree.map(lambda a: jnp.reshape(jnp.broadcast_to(a, shape), -1), trees)
     return jax.tree.map(lambda a: jnp.reshape(a, shape), each(f, *flat))
@@ -180,7 +240,7 @@ def _at(i: int, trees: Any) -> Any:
     return jax.tree.map(lambda a: a[i] if is_unrolled(a) else a, trees, is_leaf=is_unrolled)
 
 
-def _unrolled(trees: Sequence[Any]) -> Any:
+def unrolled_places(trees: Sequence[Any]) -> Any:
     """The tree of the numbers along an axis, from a tree for each of its places."""
 
     def along(*numbers):
@@ -206,7 +266,8 @@ def blade_forces(effects: ContactEffects, z: Any, model: RowModel) -> BladeForce
 
 def contact_forces_on_blades(effects: ContactEffects, model: RowModel) -> BladeForces:
     """The forces of contact on each blade."""
-    load, at_blades = effects.load, partial(sum_at_blades, closed=model.closed)
+    load = effects.load
+    at_blades = partial(sum_at_blades, closed=model.closed)
     if is_zero(load.R_x):
         return BladeForces(ZERO, ZERO, ZERO)
     M = at_blades(*load.M) if model.turns else ZERO
@@ -242,7 +303,9 @@ class FlatPair(NamedTuple):
 
 def clusters(case: CaseOfInterfaces, model: RowModel) -> Cluster | FlatPair:
     """The clusters of blocks from the case of each interface (E, lanes)."""
-    flat, I, closed = case == FLAT, model.blades.I, model.closed
+    flat = case == FLAT
+    I = model.blades.I
+    closed = model.closed
     if is_unrolled(flat):
         mobility = model.interfaces.mobility
         return FlatPair(flat[0], mobility.share[0], mobility.joint[0])
@@ -301,7 +364,8 @@ def joint_inertia(cluster: Cluster | FlatPair, model: RowModel) -> OfInterfaces:
     if isinstance(cluster, FlatPair):
         joint: Any = Unrolled(cluster.joint)
         return joint
-    left, right = left_of_interfaces(cluster.inertia, model.closed), right_of_interfaces(cluster.inertia, model.closed)
+    left = left_of_interfaces(cluster.inertia, model.closed)
+    right = right_of_interfaces(cluster.inertia, model.closed)
     return left * right / (left + right)
 
 
@@ -313,6 +377,16 @@ def interface_effects(state: State, model: Model, recorded: Recorded) -> Contact
 def blade_positions(z: Motion) -> Means:
     """The position of each blade."""
     return position_at(z.x, z.y, z.theta)
+
+
+def of_blades_that_count(tree: Any, model: RowModel) -> Any:
+    """A tree along an axis of blades with those that count: the left one of a pair, all of a row."""
+    return of_left_blade(tree) if model.is_pair else tree
+
+
+def positions_that_count(z: Motion, model: RowModel) -> Means:
+    """The position of each blade that counts."""
+    return over(alone, blade_positions, of_left_blade(z)) if model.is_pair else blade_positions(z)
 
 
 class BladeRates(NamedTuple):
@@ -337,7 +411,8 @@ def blade_rates(
     recorded: Recorded,
 ) -> BladeRates:
     """The rates of one blade; `wave` is (sin, cos) of omega t."""
-    Q, shroud = drive.wave(*wave), blade.shroud(z)
+    Q = drive.wave(*wave)
+    shroud = blade.shroud(z)
     acceleration = blade.accelerations(z, Q, drive, R, inverse)
     work, viscous = blade_works(z, Q, blade, drive) if recorded.ledger else (None, None)
     means = blade_positions(shroud) if recorded.means else None
@@ -385,10 +460,8 @@ def row_rhs(
         z = blades.shroud(now.motion)
         first = (z.x, z.y, z.theta)
         moments = Moments(first, jax.tree.map(lambda a: a * a, first))
-    return (
-        StateDerivative(a, effects.u_s),
-        Integrals(rates.power, ledger, moments, effects.loads, _at(0, rates.means) if model.is_pair else rates.means),
-    )
+    means = of_blades_that_count(rates.means, model)
+    return StateDerivative(a, effects.u_s), Integrals(rates.power, ledger, moments, effects.loads, means)
 
 
 def coupling_losses(z: Any, model: RowModel) -> Any:
@@ -396,7 +469,8 @@ def coupling_losses(z: Any, model: RowModel) -> Any:
 
     It is absent where nothing couples the blades.
     """
-    shroud, lost = model.blades.shroud(z), ZERO
+    shroud = model.blades.shroud(z)
+    lost = ZERO
     if model.coupling is not None:
         lost = lost + half_losses(shroud, model.coupling, model.closed)
     if model.aero is not None:

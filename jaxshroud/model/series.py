@@ -21,7 +21,8 @@ class Series(Symbolic):
     """A power series by a `rule` for the coefficients, which may use earlier ones; ZERO is an exact zero."""
 
     def __init__(self, rule: Callable[[int], Any]):
-        self._rule, self._known = rule, []
+        self._rule = rule
+        self._known = []
 
     def __getitem__(self, n: int) -> Any:
         """Coefficient `n`."""
@@ -49,7 +50,8 @@ class Series(Symbolic):
 
     def sine_versine(self) -> tuple[Any, Any]:
         """The series of (sin x, 1 - cos x) of an angle x, from the values at the start: s' = c x', (1 - c)' = s x'."""
-        rate, start = self.rate, sine_versine(self[0])
+        rate = self.rate
+        start = sine_versine(self[0])
         sine = Series(lambda n: times(_product(rate, cosine, n - 1), 1 / n) if n else start[0])
         versine = Series(lambda n: times(_product(rate, sine, n - 1), 1 / n) if n else start[1])
         cosine = 1 - versine
@@ -167,7 +169,8 @@ def polynomial_value(coefficients: tuple, x: Any) -> Any:
 
 def polynomial_value_and_rate(coefficients: tuple, x: Any) -> tuple[Any, Any]:
     """The value and the derivative of a polynomial."""
-    value, rate = coefficients[-1], ZERO
+    value = coefficients[-1]
+    rate = ZERO
     for c in reversed(coefficients[:-1]):
         rate = plus(times(rate, x), value)
         value = plus(times(value, x), c)

@@ -30,7 +30,6 @@ class NoContact(LinearLaw):
     """Blocks that pass through each other."""
 
     called: ClassVar[str] = "no contact"
-    marches_in_rows: ClassVar[bool] = False
     is_examined: ClassVar[bool] = True
     has_events: ClassVar[bool] = False
 
@@ -161,7 +160,8 @@ class BilinearContact(SpringContact):
 
     def load_rates(self, point: ContactPoint, forces: LawForces) -> ContactLoads:
         """The rates of the loads."""
-        slips, rate = is_slipping(point.mode), point.rates()
+        slips = is_slipping(point.mode)
+        rate = point.rates()
         speed = self.slider_speed(rate.v, rate.u, point.mode)
         return ContactLoads(forces.N, where(slips, forces.N, 0.0), where(slips, 1.0, 0.0), abs(speed))
 
@@ -188,7 +188,8 @@ class BilinearContact(SpringContact):
     def friction_series(self, at: Kinematics, rate: Rates, u_s: Slider, mode: Modes) -> tuple[Scalar, Scalar]:
         """The guards of the friction element by series: one for each direction in stick; slip needs the first only."""
         apart, stick = mode == Mode.APART, mode == Mode.STICK
-        w, limit = at.u - u_s, self.lag * at.v + 2 * at.rounding  # stick may begin at its limit
+        w = at.u - u_s
+        limit = self.lag * at.v + 2 * at.rounding  # stick may begin at its limit
         slipping = -slip_sign(mode, at.v.dtype) * self.slider_speed(rate.v, rate.u, mode)
         other = where(apart | (self.mu <= 0), -1.0, slipping)
         return where(stick, w - limit, other), where(stick, -w - limit, -1.0)

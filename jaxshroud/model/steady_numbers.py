@@ -25,11 +25,17 @@ class SteadyNumbers(NamedTuple):
 
 def steady_course(swing: SteadyNumbers, tau: Any) -> tuple[Any, Any, Any]:
     """The value and its first two derivatives by the phase, at phases `tau` that broadcast against the numbers."""
-    q, rate, bend = swing.mean + 0.0 * tau, 0.0 * tau, 0.0 * tau
+    q = swing.mean + 0.0 * tau
+    rate = 0.0 * tau
+    bend = 0.0 * tau
     for n, a in swing.waves.items():
-        s, c = jnp.sin(n * tau), jnp.cos(n * tau)
-        wave, quarter = a.real * s + a.imag * c, a.real * c - a.imag * s
-        q, rate, bend = q + wave, rate + n * quarter, bend - n**2 * wave
+        s = jnp.sin(n * tau)
+        c = jnp.cos(n * tau)
+        wave = a.real * s + a.imag * c
+        quarter = a.real * c - a.imag * s
+        q = q + wave
+        rate = rate + n * quarter
+        bend = bend - n**2 * wave
     return q, rate, bend
 
 
@@ -68,7 +74,8 @@ def turning_phases(waves: dict[int, Any]) -> Any:
     wave = next(iter(frozen.waves.values()))
     count = START_PHASES * max(waves)
     tau = jnp.linspace(0, 2 * jnp.pi, count, endpoint=False, dtype=wave.real.dtype).reshape(-1, *[1] * wave.ndim)
-    at, apart = tau + 0.0 * wave.real, 2 * jnp.pi / count
+    at = tau + 0.0 * wave.real
+    apart = 2 * jnp.pi / count
     for _ in range(NEWTON_UPDATES):
         _, rate, bend = steady_course(frozen, at)
         at = jnp.clip(at - rate / jnp.where(bend != 0, bend, jnp.inf), tau - apart, tau + apart)

@@ -18,7 +18,6 @@ from jaxshroud.model.geometry import AtPoint, RatesAtPoint
 from jaxshroud.model.modes import Mode
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.laws import FrictionLaw, NormalLaw
-from jaxshroud.scene.layout import require_capability
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 
@@ -70,7 +69,6 @@ class Laws(ContactLaw):
         False
     """
 
-    marches_in_rows: ClassVar[bool] = False
     flows: ClassVar[bool] = True
     relaxes: ClassVar[bool] = True
     jumps_at_onset: ClassVar[bool] = True
@@ -128,7 +126,8 @@ class Laws(ContactLaw):
 
     def forces(self, point: ContactPoint) -> LawForces:
         """The forces of the laws and the rate of z; a normal force cannot pull."""
-        rate, touches = point.rates(), point.mode != Mode.APART
+        rate = point.rates()
+        touches = point.mode != Mode.APART
         N = where(touches, jnp.maximum(self.normal(jnp.maximum(point.at.v, 0.0), rate.v)[0], 0.0), 0.0)
         if self.friction is None or is_zero(point.u_s):
             return LawForces(N, ZERO, ZERO)
@@ -153,7 +152,8 @@ class Laws(ContactLaw):
     def dissipated_power(self, point: ContactPoint, forces: LawForces) -> Scalar:
         """What the laws do not store of the power that they get [W]."""
         rate = point.rates()
-        v, v_t = jnp.maximum(point.at.v, 0.0), where(point.at.v > 0, rate.v, 0.0)
+        v = jnp.maximum(point.at.v, 0.0)
+        v_t = where(point.at.v > 0, rate.v, 0.0)
         numbers = 1 if self.friction is None else 2
         stored = jax.jvp(self._energy, (v, point.u_s)[:numbers], (v_t, forces.u_s)[:numbers])[1]
         return where(point.mode == Mode.APART, 0.0, forces.N * rate.v + forces.F * rate.u - stored)
@@ -232,11 +232,11 @@ def check_laws(scene: Scene) -> None:
         ...
         jaxshroud.scene.checks.InputError: The normal law gives out more work than it gets (v = 1.1e-05 m, -0.0059 m/s).
     """
-    require_capability("`check_laws`", scene.layout)
     laws = scene.laws
     if not isinstance(laws, Laws):
         raise InputError("This scene has no js.Laws, which `check_laws` takes; see js.with_contact_law.")
-    size, omega = jnp.abs(scene.running_shroud.gap) + 1e-9, scene.drive.omega
+    size = jnp.max(jnp.abs(scene.running_shroud.gap)) + 1e-9
+    omega = scene.drive.omega
     largest = jnp.zeros_like(omega)
     for frequency in FREQUENCIES:
         cycle = _normal_cycle(laws, size, frequency * omega)

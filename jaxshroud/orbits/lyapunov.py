@@ -49,10 +49,10 @@ class Exponents(NamedTuple):
 
 
 class StatePlaces(NamedTuple):
-    """The places of the numbers of a scene's state among those of any pair, 13 where a corner touches."""
+    """The places of the numbers that move among those of a scene's state."""
 
     motion: np.ndarray  # two of each coordinate in which a blade moves
-    slider: np.ndarray  # one, of several points one of each, or none without friction
+    slider: np.ndarray  # one of each interface, of several points one of each, or none without friction
 
     @property
     def all(self) -> np.ndarray:
@@ -61,9 +61,8 @@ class StatePlaces(NamedTuple):
 
 
 def state_places(scene: Scene) -> StatePlaces:
-    """The places of the numbers of the state of a scene of two blades."""
-    parts = scene.parts
-    blades = 2
+    """The places of the numbers of the state of a scene."""
+    parts, blades = scene.parts, scene.layout.blades
     places = np.arange(6 * blades).reshape(2, len(COORDINATES), blades)
     moves = [[parts.has(name, blade) for blade in range(blades)] for name in COORDINATES]
     law = law_type(scene)
@@ -259,7 +258,7 @@ def largest_exponents(
         tangents = np.where(np.isfinite(tangents), tangents, 0.0).astype(scenes.drive.omega.dtype)
         flows = run_flow(
             Dual(scenes, no_change),
-            Dual(states, from_vector(tangents, None, None, points=scenes.points)),
+            Dual(states, from_vector(tangents, None, None, scenes.layout, scenes.points)),
             RENORMALIZATION_PERIODS,
             steps,
             method,

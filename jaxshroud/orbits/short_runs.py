@@ -14,7 +14,7 @@ from jaxtyping import Array, Int
 
 from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.flows import as_differentiable
-from jaxshroud.batch.periods import Sample, pair_sample
+from jaxshroud.batch.periods import Sample, sample_of_users
 from jaxshroud.batch.plan import Plan, Tick
 from jaxshroud.batch.runs import run_lanes, trajectories
 from jaxshroud.batch.sampling import SampleGrid
@@ -28,6 +28,7 @@ from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.linear import free_rms_displacement
 from jaxshroud.model.prepared import State, initial_state, prepared_model
 from jaxshroud.model.rhs import Recorded, rhs
+from jaxshroud.model.row import along_blades
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.other_parts import with_parts
 from jaxshroud.scene.scene import Scene, without_given
@@ -147,7 +148,7 @@ def adaptive_samples(
 def adaptive_runs(scenes: Scene, periods: int, solver: str, rtol: float) -> ShortRuns:
     """Runs of lanes by an adaptive solver; see `adaptive_samples`."""
     samples, steps = adaptive_samples(scenes, periods, solver, rtol)
-    return ShortRuns(pair_sample(samples), round(float(np.asarray(steps).mean())))
+    return ShortRuns(sample_of_users(along_blades(samples)), round(float(np.asarray(steps).mean())))
 
 
 def adaptive_gap_slopes(scenes: Scene, periods: int, solver: str, rtol: float) -> np.ndarray:

@@ -9,7 +9,7 @@ from jaxshroud.io.lane_status import FLAGS, status_name
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, ComplexVariable, MotionVariable, Variable, lanes_in_shape, lanes_in_words
 from jaxshroud.model.modes import Status
-from jaxshroud.results.amplitudes import contact_values, stored_state
+from jaxshroud.results.amplitudes import AT_POINTS, contact_values, stored_state
 from jaxshroud.results.base import Labels, Result
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.typed import typed
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from jaxshroud.model.prepared import State
     from jaxshroud.orbits.lyapunov import Exponents
     from jaxshroud.plotting.style import AppearanceOptions
+    from jaxshroud.scene.layout import Layout
 
 EXPONENTS = "Lyapunov exponents per drive period; -inf: forgotten altogether, NaN: not resolved"
 NO_INTERVAL = "half width of the 95 % interval; NaN where there is none"
@@ -44,27 +45,28 @@ class Lyapunov(Result):
     stuck = Variable("whether the slider sticks for good: one exponent is 0", alone=True, kind=bool, stored=np.int8)
     status = Variable("how the run ended", alone=True, kind=int, more=FLAGS)
     motion = MotionVariable("at the end")
-    u_s = Variable("slider at the end", "m")
-    mode = Variable("contact mode at the end")
-    case = Variable("contact case at the end")
-    point_u_s = Variable("slider of each point at the end", "m", ("point",))
-    point_mode = Variable("contact mode of each point at the end", None, ("point",))
+    u_s = Variable("slider at the end", "m", ("interface",))
+    mode = Variable("contact mode at the end", None, ("interface",))
+    case = Variable("contact case at the end", None, ("interface",))
+    point_u_s = Variable("slider of each point at the end", "m", AT_POINTS)
+    point_mode = Variable("contact mode of each point at the end", None, AT_POINTS)
 
     @classmethod
     def of_exponents(
-        cls, exponents: "Sequence[Exponents]", shape: tuple[int, ...], **labels: Unpack[Labels]
+        cls, exponents: "Sequence[Exponents]", shape: tuple[int, ...], layout: "Layout", **labels: Unpack[Labels]
     ) -> "Lyapunov":
         """The result from the exponents of each lane.
 
         Args:
             exponents: The exponents of each lane.
             shape: The leading axes of the result.
+            layout: That of the scenes.
             labels: Further arguments of `from_values`.
         """
         longest = max(len(lane.growth) for lane in exponents)
         rows = [_exponents_row(lane, longest) for lane in exponents]
         values = {name: lanes_in_shape([row[name] for row in rows], shape) for name in rows[0]}
-        return cls.from_values(values, coords={"blade": [0, 1]}, **labels)
+        return cls.from_values(values, coords={"blade": np.arange(layout.blades)}, layout=layout, **labels)
 
     @property
     def last(self) -> "State":

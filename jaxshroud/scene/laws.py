@@ -50,8 +50,6 @@ class FrictionLaw(Protocol):
 class SceneLaw(eqx.Module):
     """A law of contact that a scene can hold: a `ContactLaw` of `model.contact_law`."""
 
-    marches_in_rows: ClassVar[bool] = True
-
     @property
     @abstractmethod
     def has_friction(self) -> bool:

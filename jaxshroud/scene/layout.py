@@ -173,30 +173,20 @@ class Capability(NamedTuple):
         return f"{name or self.name} {REFUSALS[self.holder]}: {self.reason}."
 
 
-OWN_LAWS = '`parts.contact` = "own"'  # by `Laws`; other laws of a user may know rows
 NO_CONTACT = '`parts.contact` = "none"'  # which scenes may have, and verbs refuse
 AERO_FORCES = "[aero]"
 COUPLED_WITHOUT_CONTACT = (
     'Coupled blades have no closed form through time: drop `parts.contact` = "none", and give a large shroud.gap.'
 )
 SECTOR_OF_CHAIN = '`row.sector` = "auto" is of closed rings: an open chain does not repeat; drop it.'
-TWO_BLADES = "it reads the state as the 13 numbers of two blades with one slider"
 CAPABILITIES = (
     Capability("`attractors`", "pair so far", "motions are told apart by orbits of two blades with one slider"),
     Capability("`basins`", "pair so far", "motions are told apart by orbits of two blades with one slider"),
     Capability("`fit`", "pair so far", "the columns of measurements name a left and a right blade"),
-    Capability("`lyapunov`", "pair so far", f"{TWO_BLADES}, and what sets the slider by one mode"),
     Capability("`trade`", "pair so far", "power series and the solvers of diffrax, which it compares, march pairs"),
     Capability("`method_for`", "pair so far", "methods are not tried on rows, for which no accuracy is examined"),
-    Capability("`period_map`", "pair so far", "inside JAX's transformations the motion of a row has no derivatives"),
-    Capability("`most_trials`", "pair so far", "the march of a row takes no bound of its trials"),
     Capability("`largest_frequency`", "pair so far", "`explain` gives a bound of that of a row, as `omega_max`"),
-    Capability("`check_laws`", "pair so far", "the kernels of rows know springs and smooth contact only"),
-    Capability("Argument `events`", "pair so far", "the march of a row keeps no states on both sides of its events"),
-    Capability("Argument `lyapunov`", "pair so far", TWO_BLADES),
-    Capability("Argument `most_trials`", "pair so far", "the march of a row takes no bound of its trials"),
     Capability("the method taylor", "pair so far", "rows are marched by Runge-Kutta methods, not by power series"),
-    Capability(OWN_LAWS, "pair so far", "the kernels of rows know springs and smooth contact only"),
     Capability(NO_CONTACT, "pair", "a row without contact is many single blades; simulate one as a pair"),
     Capability('`parts.neighbour` = "rigid"', "pair", "every blade of a row has a neighbour that is a blade"),
     Capability("`contact.reading` but consistent", "pair", "the article's misprints are in equations of two blades"),
@@ -237,7 +227,7 @@ def holders(layout: Layout) -> Container[Holder]:
 
 def require_parts(parts: Any, reading: Container[str], layout: Layout) -> None:
     """Raise an InputError if a scene with a layout cannot have these parts, a `Parts` or as a file has them."""
-    asked = {f'`parts.{name}` = "{getattr(parts, name)}"' for name in ("neighbour", "contact")} - {NO_CONTACT, OWN_LAWS}
+    asked = {f'`parts.{name}` = "{getattr(parts, name)}"' for name in ("neighbour", "contact")} - {NO_CONTACT}
     for name in (*sorted(asked), *(["`contact.reading` but consistent"] if reading else [])):
         require_capability(name, layout)
 

@@ -30,11 +30,12 @@ def with_contact_law(scene: Scene, law: SceneLaw) -> Scene:
 
     Args:
         scene: The scene; its reading must be consistent.
-        law: `Laws` of a normal force and of friction, for pairs so far; or any `ContactLaw` of
-            `jaxshroud.model.contact_law`, for pairs and rows: its numbers are those of each interface.
+        law: `Laws` of a normal force and of friction, or any `ContactLaw` of `jaxshroud.model.contact_law`: its numbers
+            are those of each interface.
 
     Raises:
-        InputError: The scene keeps misprints of the article, or its faces have several points.
+        InputError: The scene keeps misprints of the article, its faces have several points, or it is a row and the law
+            has an internal state of several numbers.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
@@ -47,6 +48,8 @@ def with_contact_law(scene: Scene, law: SceneLaw) -> Scene:
     c = scene.contact
     if c.points is not None:
         raise InputError("Own laws of contact do not know contact points yet; drop `contact.points`.")
+    if scene.row is not None and jnp.ndim(getattr(law, "z", 0.0)):
+        raise InputError("The internal state z of a law must be one number in rows of blades.")
     numbers = jax.tree.map(lambda a: a if callable(a) else jnp.asarray(a, float), law, is_leaf=callable)
     contact = Contact(c.k, c.gamma, c.reading)
     return _with_contact(scene, contact, scene.parts._replace(contact="own"), numbers)

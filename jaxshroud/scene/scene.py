@@ -27,7 +27,6 @@ from jaxshroud.scene.laws import Number, SceneLaw
 from jaxshroud.scene.layout import (
     AERO_FORCES,
     COUPLED_WITHOUT_CONTACT,
-    OWN_LAWS,
     SECTOR_OF_CHAIN,
     SPRUNG,
     Layout,
@@ -204,8 +203,6 @@ class Scene(eqx.Module):
         word_argument("start", self.start, Start)
         if self.start != "motion" or self.parts.contact in SPRUNG[1:]:
             self._require_equilibrium()
-        if self.laws is not None and not self.laws.marches_in_rows:
-            require_capability(OWN_LAWS, self.layout)
         check_numbers("initial", self.initial)
         self._check_shapes()
         for key, value in self.given.items():

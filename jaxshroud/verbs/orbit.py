@@ -179,14 +179,14 @@ def lyapunov(
         dims: Names of the leading axes; by default `lane`.
 
     Returns:
-        As many exponents as the scene has states: two of each coordinate in which a blade moves, and one of the slider.
-        That of a slider which the motion sets anew in some period, by an onset or by slip, is -inf; that of a slider
-        which sticks for good is 0. NaN, "not resolved": in some period less than 1e-12 of the largest growth is left,
-        which rounding hides. They come from QR factors of the product of the Jacobians of the periods. After the
-        transient the tangents start in random directions; the average begins when two frames of them grow alike, or 64
-        periods later (where directions grow equally fast, no order emerges). They do not start earlier: along a motion
-        that still changes they may take an order other than that of the settled motion, and keep it for long. The
-        interval is from batch means.
+        As many exponents as the scene has states: two of each coordinate in which a blade moves, and one of the slider
+        at each interface. That of a slider which the motion sets anew in some period, by an onset or by slip, is -inf;
+        that of a slider which sticks for good is 0. NaN, "not resolved": in some period less than 1e-12 of the largest
+        growth is left, which rounding hides. They come from QR factors of the product of the Jacobians of the periods.
+        After the transient the tangents start in random directions; the average begins when two frames of them grow
+        alike, or 64 periods later (where directions grow equally fast, no order emerges). They do not start earlier:
+        along a motion that still changes they may take an order other than that of the settled motion, and keep it for
+        long. The interval is from batch means.
 
     Raises:
         ValueError: A count is too small, or JAX has no float64.
@@ -219,7 +219,7 @@ def lyapunov(
         return Exponents(nan, nan, np.empty((0, len(nan))), False, status, starts[lane][1])
 
     def result_of(exponents):
-        return Lyapunov.of_exponents(exponents, lanes.shape, **lanes.labels)
+        return Lyapunov.of_exponents(exponents, lanes.shape, lanes.scenes[0].layout, **lanes.labels)
 
     max_periods = transient_periods + MAX_ALIGNMENT_PERIODS + kept
     try:

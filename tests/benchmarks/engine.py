@@ -10,15 +10,15 @@ import numpy as np
 from jax import lax
 from problem import PERIODS, Problem
 
-from jaxshroud.batch.blocks import PAIR_KERNELS, run_block
-from jaxshroud.batch.periods import LANES_PER_CALL, Clock, at_start_of_period, begin_lanes, one_call
+from jaxshroud.batch.lanes import begin_lanes, lane_models
+from jaxshroud.batch.periods import LANES_PER_CALL, Clock, at_start_of_period, one_call, run_block
 from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import FOR_SERIES, best_mapping
 from jaxshroud.march.carry import Fixed, Lane, running
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import stepper_for
 from jaxshroud.march.tableau import TaylorOptions, tableau
-from jaxshroud.model.prepared import prepared_model
+from jaxshroud.model.row import at_only_interface
 from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.scene import Contact, Drive, Friction, Scene, Shroud
 from jaxshroud.scene.valid import in_precision
@@ -74,8 +74,8 @@ def trials(p: Problem, method: Choices, steps: int) -> tuple[float, float]:
     """Trials and events of a lane in a period, on average."""
     scenes = scenes_of(p)
     clock = Clock.from_phase_0(steps)
-    models, periods = jax.vmap(lambda scene: (prepared_model(scene), scene.drive.period))(scenes)
-    fixed = Fixed(models, clock.grids(periods), jnp.full(len(p.gamma), steps, jnp.int32))
+    model, periods = lane_models(scenes)
+    fixed = Fixed(model, clock.grids(periods), jnp.full(len(p.gamma), steps, jnp.int32))
     on_its_way = lambda lanes: running(lanes, fixed.stop)
 
     def one(pair):
@@ -90,7 +90,7 @@ def trials(p: Problem, method: Choices, steps: int) -> tuple[float, float]:
     lanes, made = begin_lanes(scenes, initial_states(scenes), method), jnp.zeros(len(p.gamma), jnp.int32)
     for _ in range(PERIODS):
         lanes, made = period(lanes, made)
-    counters = vars(lanes.accumulator.log.counters)
+    counters = vars(at_only_interface(lanes.accumulator.log.counters))
     events = sum(np.sum(np.asarray(a)) for name, a in counters.items() if name != "grazing")
     return float(np.mean(made)) / PERIODS, float(events) / len(p.gamma) / PERIODS
 
@@ -112,7 +112,7 @@ def prepare_scenes(scenes: Scene, method: Choices, chunk: int, periods: int) -> 
         clock = Clock.from_phase_0(steps)
         limits = one_call(periods)
         ends = [
-            run_block(s, at_start_of_period(a), clock, limits, method, periods, best_mapping(), PAIR_KERNELS)[0]
+            run_block(s, at_start_of_period(a), clock, limits, method, periods, best_mapping())[0]
             for s, a in zip(pieces, begun, strict=True)
         ]
         return np.concatenate([motions(end.lanes) for end in ends])

@@ -19,15 +19,14 @@ from peers import scalar_c
 from problem import PERIODS, Problem, errors, problem
 from test_peers import RESULTS, one_core  # noqa: F401
 
-from jaxshroud.batch.blocks import PAIR_KERNELS, run_block
-from jaxshroud.batch.periods import LANES_PER_CALL, Clock, at_start_of_period, begin_lanes, one_call
+from jaxshroud.batch.lanes import begin_lanes, lane_models
+from jaxshroud.batch.periods import LANES_PER_CALL, Clock, at_start_of_period, one_call, run_block
 from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import fused
 from jaxshroud.march.carry import Fixed
 from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.method_names import TABLEAUS
 from jaxshroud.march.tableau import tableau
-from jaxshroud.model.prepared import prepared_model
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("default")]
 SWEEP = """
@@ -97,7 +96,7 @@ def test_general_parameters():
     clock = Clock.from_phase_0(steps)
     scenes = engine.scenes_of(part)
     lanes = begin_lanes(scenes, initial_states(scenes), FAST)
-    numbers = jax.tree.map(lambda a: float(a[0]), jax.vmap(prepared_model)(scenes))
+    numbers = jax.tree.map(lambda a: float(a[0]), lane_models(scenes)[0])
 
     def constant(f, lanes, fixed):
         def with_constants(lane, k, lag, grid, stop):
@@ -110,7 +109,7 @@ def test_general_parameters():
 
     def march(each):
         begin, limits = at_start_of_period(lanes), one_call(PERIODS)
-        return lambda: jax.block_until_ready(run_block(scenes, begin, clock, limits, FAST, PERIODS, each, PAIR_KERNELS))
+        return lambda: jax.block_until_ready(run_block(scenes, begin, clock, limits, FAST, PERIODS, each))
 
     taken = alternately(15, general=march(fused), constant=march(constant))
     record("seconds, parameters in the lanes and constant", taken | {"ratio": taken["general"] / taken["constant"]})

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from jaxshroud import load
-from jaxshroud.batch.blocks import PAIR_KERNELS, run_block
 from jaxshroud.batch.closed_form import free_runs
-from jaxshroud.batch.operation_count import size_of_pair_trial
-from jaxshroud.batch.periods import PERIODS_PER_CALL, at_start_of_period, begin_lanes, one_call
+from jaxshroud.batch.lanes import begin_lanes
+from jaxshroud.batch.operation_count import size_of_trial
+from jaxshroud.batch.periods import PERIODS_PER_CALL, at_start_of_period, one_call, run_block
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import best_mapping
@@ -49,7 +49,7 @@ def test_cost_of_models():
         scenes = grid_of_scenes(model_of(table1, parts), {"contact.gamma": GAMMA})
         plan = Plan(0, PERIODS, STEPS, 0.0, FAST)
         begin = at_start_of_period(begin_lanes(scenes, initial_states(scenes), FAST))
-        options = FAST, PERIODS_PER_CALL, best_mapping(), PAIR_KERNELS
+        options = FAST, PERIODS_PER_CALL, best_mapping()
         runs[name] = lambda scenes=scenes, begin=begin, plan=plan, options=options: jax.block_until_ready(
             run_block(scenes, begin, plan.clock, one_call(PERIODS), *options)
         )
@@ -63,7 +63,7 @@ def test_cost_of_models():
             began = time.perf_counter()
             run()
             seconds[name].append(time.perf_counter() - began)
-    operations_of = lambda name: size_of_pair_trial(model_of(table1, MODELS[name]), FAST).operations
+    operations_of = lambda name: size_of_trial(model_of(table1, MODELS[name]), FAST).operations
     whole = operations_of("full")
     rows = {
         name: {

@@ -13,7 +13,7 @@ from row_runs import row_scene_of
 from scipy.linalg import eigh
 
 import jaxshroud as js
-from jaxshroud.batch.rows import lanes_last
+from jaxshroud.batch.lanes import lanes_last
 from jaxshroud.batch.xla import vmapped
 from jaxshroud.model.blade import ElasticMotion
 from jaxshroud.model.linear import steady_amplitudes

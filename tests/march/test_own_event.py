@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.periods import begin_lanes
+from jaxshroud.batch.lanes import begin_lanes
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import initial_states
@@ -144,7 +144,7 @@ def test_an_event_is_counted_as_often_as_many_samples_rise_beyond_the_depth(layo
 @pytest.mark.full(but=["pair"])
 def test_an_event_at_the_instant_of_an_onset_is_counted_beside_it(layout):
     run = marched(layout)
-    onsets = run.last.accumulator.log.counters.onset_slip
+    onsets = run.log.counters.onset_slip
     np.testing.assert_array_equal(counts(run, "onset")[:, -1], np.reshape(onsets, (len(GAMMAS), -1)))
 
 

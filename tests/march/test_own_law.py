@@ -5,6 +5,7 @@ It is defined here, and marches a pair and a row of three blades without a chang
 
 from functools import cache
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -165,6 +166,57 @@ def test_without_the_cubic_term_it_is_the_articles_law(layout):
     # Rounding, which every impact multiplies: 1e-9 in the row.
     assert furthest(marched(layout, CubicContact, 0.0), article) < 1e-7
     assert furthest(marched(layout), article) > 1e-3  # control
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("layout", SCENES)
+def test_laws_of_functions_are_the_same_law(layout):
+    # Without friction; the class locates events by its own guards, the functions by those of any normal law.
+    name, changes = SCENES[layout]
+    bending = js.load(name, [*changes, 'parts.motion=["x"]', "contact.gamma=2.5"]).scene
+    k, k_d, mu = (float(np.ravel(a)[0]) for a in (bending.k, bending.friction.k_d, bending.friction.mu))
+    k_3 = STIFFENING * k
+    scene = js.with_contact_law(bending, CubicContact(k, k_3, k_d, mu))
+    smooth = eqx.tree_at(lambda s: s.laws.mu, scene, jnp.asarray(0.0))
+    functions = js.Laws(lambda v, v_t: (k * v + k_3 * v**3, k * v**2 / 2 + k_3 * v**4 / 4))
+    method = js.RungeKutta("dopri8", steps=STEPS)
+    by_class, own, straight = (
+        js.simulate(one, n_periods=1, method=method)
+        for one in (smooth, js.with_contact_law(scene, functions), js.with_contact_law(scene, js.Laws(Straight(k))))
+    )
+    error = lambda run: np.abs(run.motion.x - by_class.motion.x).max() / np.abs(by_class.motion.x).max()
+    assert error(own) < 1e-7
+    assert error(straight) > 1e-3  # control: without the cubic term
+
+
+class Straight(eqx.Module):
+    """A straight spring as a normal law."""
+
+    k: float
+
+    def __call__(self, v, v_t):
+        return self.k * v, self.k * v**2 / 2
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("layout", SCENES)
+def test_functions_of_friction_balance(layout):
+    # LuGre friction, whose z is integrated at each interface: what it dissipates is counted.
+    scene = js.load(*[SCENES[layout][0], [*SCENES[layout][1], 'parts.motion=["x"]']]).scene
+    k = float(np.ravel(scene.k)[0])
+    laws = js.Laws(Straight(k), js.LuGre(k_d=1e5, c=0.0, mu=0.2, N_0=1.0))
+    own = js.with_contact_law(scene, laws)
+    js.check_laws(own)
+    run = js.simulate(own, n_periods=2, method=js.RungeKutta("dopri8", steps=STEPS))
+    assert run.status == Status.OK
+    assert np.all(np.asarray(run.data.loss_friction) > 0)
+    assert abs(run.energy_residual) < 1e-6
+
+
+def test_a_state_of_several_numbers_is_refused_in_rows():
+    laws = js.Laws(Straight(1e6), lambda z, u_t, N: (0.0 * z[0], 0.0 * z, 0.0 * z[0]), np.zeros(2))
+    with pytest.raises(js.InputError, match="must be one number in rows"):
+        js.with_contact_law(scene_of("row of three"), laws)
 
 
 def test_a_scene_with_a_law_of_its_own_is_like_any_other():

@@ -89,7 +89,7 @@ def test_a_design_is_sought_in_float32_and_checked_in_float64(scene, computed):
 
 def test_a_map_of_periods_is_in_the_precision_of_its_method(scene):
     flow = jax.eval_shape(lambda: js.period_map(scene, initial_state(scene.initial), **STEPS))  # traced, not compiled
-    assert flow.power[0].dtype == flow.state.motion.x.dtype == jnp.float32
+    assert flow.power.dtype == flow.state.motion.x.dtype == jnp.float32
 
 
 @pytest.mark.parametrize(

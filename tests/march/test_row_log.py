@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
+from jaxshroud.batch.lanes import begin_lanes
 from jaxshroud.batch.plan import Plan
-from jaxshroud.batch.rows import begin_rows
 from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import initial_states
 from jaxshroud.march.method import FAST
@@ -49,7 +49,7 @@ def test_extremes_are_those_within_steps():
 
 def test_what_is_not_requested_is_not_logged():
     scenes = scenes_at(js.load("row_ring12", CHAIN).scene, ["contact.gamma"], GAMMAS)
-    log = begin_rows(scenes, initial_states(scenes), FAST).accumulator.log
+    log = begin_lanes(scenes, initial_states(scenes), FAST).accumulator.log
     assert (log.within, log.forces, log.impacts, log.extent) == (None,) * 4
 
 

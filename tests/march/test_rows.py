@@ -15,7 +15,7 @@ from row_runs import EXACT_ROW, part_of_period, row_scene_of, run_rows
 from scipy.linalg import expm
 
 import jaxshroud as js
-from jaxshroud.batch.rows import lanes_last
+from jaxshroud.batch.lanes import lanes_last
 from jaxshroud.batch.xla import vmapped
 from jaxshroud.march import row_trial
 from jaxshroud.model.arithmetic import ZERO

@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import block_diag, eigh
 
 import jaxshroud as js
-from jaxshroud.batch.rows import lanes_last
+from jaxshroud.batch.lanes import lanes_last
 from jaxshroud.batch.xla import vmapped
 from jaxshroud.linear.mistuned import linear_systems, linear_waves
 from jaxshroud.model.blade import ElasticMotion

@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxshroud.batch.states import as_arrays
 from jaxshroud.march.event import first_kind
 from jaxshroud.march.events import EVENTS, evaluate_guards, transition
 from jaxshroud.model.modes import Mode
@@ -36,7 +35,7 @@ def led(model: Model, motions: Motion) -> tuple[jax.Array, jax.Array]:
         held = jax.tree.map(lambda a, b: jnp.where(due, a, b), fired, stayed)
         return held, (model.law.friction_force(view.at.v, view.at.u, held.u_s, held.mode), view.at.u)
 
-    first = as_arrays(jax.tree.map(lambda a: a[0], motions))
+    first = Motion._make(jnp.stack(pair) for pair in jax.tree.map(lambda a: a[0], motions))
     return jax.lax.scan(step, as_pairs(initial_state(first)), motions)[1]
 
 

@@ -61,7 +61,7 @@ def imbalance(scene, steps):
     scenes = at_gaps(scene)
     run = run_lanes(scenes, initial_states(scenes), Plan(0, 2, steps, 0.0, FAST_WITH_LEDGER), lambda _: None)
     assert np.all(run.last.status == Status.OK)
-    assert np.all(run.last.accumulator.log.counters.separation > 0)
+    assert np.all(run.log.counters.separation > 0)
     return np.max(np.abs(run.samples.residual).max(axis=-1) / run.samples.gross.mean(axis=-1))
 
 

@@ -7,8 +7,8 @@ import pytest
 from side_by_side import EXACT, ends, relative_error, run, sizes, with_parts
 
 import jaxshroud as js
-from jaxshroud.batch.operation_count import lowered_operations, size_of_pair_trial
-from jaxshroud.batch.periods import begin_lanes
+from jaxshroud.batch.lanes import begin_lanes
+from jaxshroud.batch.operation_count import lowered_operations, size_of_trial
 from jaxshroud.batch.states import initial_states
 from jaxshroud.march.method import FAST, FAST_WITH_LEDGER
 from jaxshroud.model.linear import steady_amplitudes
@@ -223,7 +223,7 @@ def test_without_friction_events_are_the_same(table1):
 def test_operations_are_those_of_xla(table1, parts):
     # Counted by XLA's own analysis of cost, which differs in what it counts of broadcasts.
     scene = with_parts(table1, **parts)
-    assert size_of_pair_trial(scene, FAST).operations == pytest.approx(lowered_operations(scene, FAST), rel=0.1)
+    assert size_of_trial(scene, FAST).operations == pytest.approx(lowered_operations(scene, FAST), rel=0.1)
 
 
 def test_a_scene_is_explained(table1):

@@ -7,6 +7,7 @@ import jaxshroud as js
 from jaxshroud import load
 from jaxshroud.batch.states import initial_states
 from jaxshroud.march.method import FAST
+from jaxshroud.model.prepared import State
 from jaxshroud.orbits.lyapunov import first_frames, largest_exponents, mean_exponents, next_frames
 from jaxshroud.scene.grids import scenes_at
 
@@ -125,3 +126,25 @@ def test_growth_below_rounding_is_not_resolved():
     mean, ci, _ = mean_exponents(np.array([[-1.0, np.nan, -2.0], [-1.0, -5.0, -np.inf]]))
     np.testing.assert_array_equal(mean, [-1.0, np.nan, -np.inf])
     assert np.isnan(ci[1:]).all()
+
+
+def test_the_largest_exponent_of_a_ring_is_that_of_a_nearby_run():
+    # By plain marches, brought back to one distance after each period; multipliers are complex, so that growth turns.
+    ring = load("row_ring12", ['parts.motion=["x"]', "row.blades=3", "drive.engine_order=1", "contact.gamma=6"]).scene
+    method, omega = js.RungeKutta(steps=200), float(ring.drive.omega)
+    here = js.simulate(ring, n_periods=100, method=method).last
+    found = js.lyapunov(ring, state=here, n_periods=32, transient=0, method=method)
+    apart = 1e-7 * np.abs(here.motion.x).max()
+    x, v = np.random.default_rng(0).standard_normal((2, 3)) * apart
+    growth = []
+    for _ in range(60):
+        near = here.motion._replace(x=here.motion.x + x, v_x=here.motion.v_x + omega * v)
+        there = State(near, here.u_s, here.mode, here.case)
+        here, there = (js.simulate(ring, start, n_periods=1, method=method).last for start in (here, there))
+        x, v = there.motion.x - here.motion.x, (there.motion.v_x - here.motion.v_x) / omega
+        size = np.linalg.norm([x, v])
+        growth.append(np.log(size / apart))
+        x, v = x * apart / size, v * apart / size
+    assert found.exponents[0] < -0.2
+    assert np.mean(growth[12:]) == pytest.approx(found.exponents[0], abs=0.02)
+    assert np.isneginf(found.exponents[6:]).all()  # the sliders, which slip sets anew

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.states import initial_states
 from jaxshroud.io.scene_numbers import dimension, key_label
 from jaxshroud.scene.checks import InputError, KeyNameError, SceneError
 from jaxshroud.scene.config import load, parse
@@ -362,10 +361,6 @@ def test_what_python_refuses(table1):
             lambda: _replaced(ring, parts=js.Parts(neighbour="rigid")),
             "every blade of a row has a neighbour that is a blade",
         ),
-        (
-            lambda: js.with_contact_law(ring, js.Laws(js.Hertz(1e7))),
-            "the kernels of rows know springs and smooth contact only",
-        ),
     ):
         with pytest.raises(InputError, match=told):
             ask()
@@ -388,22 +383,31 @@ def test_smooth_contact_has_a_width_for_each_interface():
 def _verbs():
     ring = load(RING)
     return {
-        "lyapunov": lambda: js.lyapunov(ring),
         "attractors": lambda: js.attractors(ring),
         "basins": lambda: js.basins(ring),
         "trade": lambda: js.trade(ring),
         "fit": lambda: js.fit(ring, {"t [s]": [0.0, 1e-3], "x_left [m]": [0.0, 1e-6]}, {"drive.omega": (500.0, 600.0)}),
         "method_for": lambda: js.method_for(ring.scene),
-        "period_map": lambda: js.period_map(ring.scene, initial_states(ring.scene)),
-        "most_trials": lambda: js.most_trials(ring.scene),
         "largest_frequency": lambda: js.largest_frequency(ring.scene),
-        "check_laws": lambda: js.check_laws(ring.scene),
     }
 
 
 KNOW_ROWS = {
     *("simulate", "sweep", "power", "table", "explain", "check", "diagnose", "rollout"),
-    *("orbit", "gradient", "branch", "response", "tune", "mistune", "scatter", "report"),
+    *(
+        "orbit",
+        "gradient",
+        "branch",
+        "response",
+        "tune",
+        "mistune",
+        "scatter",
+        "report",
+        "period_map",
+        "most_trials",
+        "check_laws",
+        "lyapunov",
+    ),
     *("value_of", "vary", "scenes_from", "stack_scenes"),
 }
 

@@ -79,8 +79,8 @@ def marched(scenes: Scene, method: Choices) -> Met:
     """All lanes from rest."""
     runs = run_lanes(scenes, initial_states(scenes), Plan(0, PERIODS, STEPS, 0.0, method), lambda _: None)
     states = np.concatenate(runs.samples.motion, axis=-1)
-    counters = runs.last.accumulator.log.counters
-    events = np.stack([getattr(counters, kind) for kind in KINDS + SWITCHES], axis=-1)
+    counters = runs.log.counters
+    events = np.stack([getattr(counters, kind)[:, 0] for kind in KINDS + SWITCHES], axis=-1)
     return Met(states, events, np.asarray(runs.last.status))
 
 

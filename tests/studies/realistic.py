@@ -83,7 +83,7 @@ def figures(scenes: Scene, periods: int, steps: int, method: Choices) -> dict[st
     gross = np.asarray(samples.gross)
     share = lambda a: np.max(np.abs(np.asarray(a)) / gross, axis=1)[status == Status.OK]
     quantiles = lambda a: {str(q): float(np.quantile(a, q)) for q in (0.5, 0.99, 1.0)}
-    counters = runs.last.accumulator.log.counters
+    counters = jax.tree.map(lambda a: a[:, 0], runs.log.counters)
     return {
         "method": str(method),
         "steps": steps,
@@ -99,8 +99,8 @@ def figures(scenes: Scene, periods: int, steps: int, method: Choices) -> dict[st
 
 def by_events(scenes: Scene) -> Scene:
     """The scenes, those with the most case switches last: lanes that run together then wait little for each other."""
-    counters = marched(scenes, 5, STEPS[1], FAST).last.accumulator.log.counters
-    return at(scenes, np.argsort(counters.switch_14 + counters.switch_23, kind="stable"))
+    counters = marched(scenes, 5, STEPS[1], FAST).log.counters
+    return at(scenes, np.argsort((counters.switch_14 + counters.switch_23)[:, 0], kind="stable"))
 
 
 def main() -> None:

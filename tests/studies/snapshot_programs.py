@@ -231,9 +231,8 @@ def programs_kept() -> Iterator[None]:
 
 def row_tangents(scene: js.Scene, how: Any) -> tuple[Any, ...]:
     """A period of a row with the tangents that Newton's method and gradients take."""
-    from jaxshroud.batch.flows import as_differentiable, flow_with_tangents
+    from jaxshroud.batch.flows import as_differentiable, begin_flows, end_flows, flow_with_tangents
     from jaxshroud.batch.periods import one_call
-    from jaxshroud.batch.rows import ROW_FLOWS, ROW_KERNELS
     from jaxshroud.batch.states import initial_states
     from jaxshroud.batch.tangents import TangentProblem, direction
     from jaxshroud.batch.xla import best_mapping
@@ -244,10 +243,10 @@ def row_tangents(scene: js.Scene, how: Any) -> tuple[Any, ...]:
     method = as_differentiable(choices(how))
 
     def flow(scenes: Any, states: Any) -> Any:
-        begin = ROW_FLOWS.begin(scenes, states, method)
-        how = jnp.int32(STEPS), jnp.asarray(method.flat_return), None, method, best_mapping(), ROW_KERNELS
+        begin = begin_flows(scenes, states, method)
+        how = jnp.int32(STEPS), jnp.asarray(method.flat_return), None, method, best_mapping()
         end, _ = flow_with_tangents(scenes, begin, one_call(1), *how)
-        return ROW_FLOWS.end(scenes, end, jnp.int32(1), None)
+        return end_flows(scenes, end, jnp.int32(1), None)
 
     return flow, *duals
 

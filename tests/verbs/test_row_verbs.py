@@ -92,11 +92,9 @@ def test_a_shipped_row_is_simulated_stored_and_drawn(name, tmp_path):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["sweep", "row_ring12", "--along", "drive.omega", "--values", "500,600", "--lyapunov"], "`lyapunov` does not"),
-        (["simulate", "row_ring12", "--events"], "`events` does not know rows of blades yet"),
         (["simulate", "row_ring12", "--tableau", "taylor"], "Runge-Kutta methods, not by power series"),
         (["simulate", "row_ring12", "--set", "parts.contact=none"], "many single blades"),
-        (["lyapunov", "row_ring12"], "`lyapunov` does not know rows of blades yet"),
+        (["attractors", "row_ring12"], "`attractors` does not know rows of blades yet"),
     ],
 )
 def test_what_rows_do_not_have_is_refused_in_one_line(words, told, tmp_path, capsys):

@@ -201,9 +201,7 @@ def test_penetration_within_steps():
     # Between the ends of steps by the cubic through v and v' there: an error of fourth order. At their ends alone, the
     # control, it is of second order at best.
     scenes = scenes_at(load("table1").scene, ["contact.gamma"], np.linspace(0.5, 5, 8)[:, None])
-    log = lambda n, method: (
-        run_lanes(scenes, initial_states(scenes), Plan(0, 1, n, 0.0, method), quiet).last.accumulator.log
-    )
+    log = lambda n, method: run_lanes(scenes, initial_states(scenes), Plan(0, 1, n, 0.0, method), quiet).log
     true = log(12800, FAST).v_max
     missed = lambda v: np.abs(v / true - 1).max()
     inside = [missed(log(n, FAST._replace(within=True)).within.v_max) for n in (200, 400)]

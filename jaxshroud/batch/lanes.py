@@ -1,0 +1,210 @@
+"""Lanes of pairs and of rows: their constants, their start, their energies, and their states as users have them.
+
+Outside, arrays have the axis of lanes first, as everywhere; inside compiled functions the lanes are last, see
+`model.row`. The numbers of a pair are those of a row of two, unrolled: each is an array of lanes by itself.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float, Int
+
+from jaxshroud.batch.states import carried_state, with_zeros, without_unrolled_axes
+from jaxshroud.batch.xla import best_mapping, compiled
+from jaxshroud.march.accumulator import Accumulator, EnergyJumps
+from jaxshroud.march.carry import EachLane, Lane
+from jaxshroud.march.events import place_contact
+from jaxshroud.march.forces_and_energy import (
+    ContactForces,
+    contact_spring_energy,
+    energy_residual,
+    slider_position,
+    stacked_point_forces,
+)
+from jaxshroud.march.method import Choices
+from jaxshroud.march.row_guards import row_contact_forces
+from jaxshroud.march.stepper import stepper_for
+from jaxshroud.model.arithmetic import ZERO, any_along, filled, is_unrolled, is_zero, sincos_turns, total, where
+from jaxshroud.model.geometry import Kinematics
+from jaxshroud.model.modes import FLAT, Mode, Status
+from jaxshroud.model.points_contact import points_last
+from jaxshroud.model.prepared import Model, State
+from jaxshroud.model.rhs import Ledger
+from jaxshroud.model.row import (
+    RowModel,
+    at_interface,
+    at_only_interface,
+    blade_energies,
+    clusters,
+    coupling_energies,
+    over,
+    pair_states,
+    prepared_row,
+    state_of_row,
+)
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.typed import Tree
+
+
+def lanes_last(tree: Tree) -> Tree:
+    """A tree of arrays (lanes, ...) with the lanes last."""
+    return jax.tree.map(lambda a: jnp.moveaxis(a, 0, -1), tree)
+
+
+def lanes_first(tree: Tree) -> Tree:
+    """A tree of arrays (..., lanes) with the lanes first."""
+    return jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), tree)
+
+
+def lane_models(scenes: Scene) -> tuple[RowModel, Float[Array, " lanes"]]:
+    """The constants of lanes, lanes last, and their drive periods."""
+    return lanes_last(jax.vmap(prepared_row)(scenes)), scenes.drive.period
+
+
+def begin_lanes(scenes: Scene, states: State, method: Choices) -> Lane:
+    """The lanes at their start from `states`, as users have them."""
+    return _begin_lanes(scenes, states, method, best_mapping())
+
+
+@compiled("method", "each")
+def _begin_lanes(scenes: Scene, states: State, method: Choices, each: EachLane) -> Lane:
+    return lanes_first(lanes_at_start(states, lane_models(scenes)[0], method, each))
+
+
+def lanes_at_start(states: State, model: RowModel, method: Choices, each: EachLane) -> Lane:
+    """The lanes, lanes last, at their start from `states`, lanes first."""
+    return stepper_for(method).begin(carried_states(states, model), model, method, each)
+
+
+def carried_states(states: State, model: RowModel) -> State:
+    """States as users have them, lanes first, in the form that compiled loops carry, lanes last."""
+    if model.is_pair:
+        return state_of_row(jax.vmap(carried_state)(states, model.pair))
+    states = lanes_last(states)
+    motion = states.motion
+    if isinstance(motion, Motion):
+
+        def moves(name):
+            return name.removeprefix("v_") in model.parts.motion
+
+        motion = Motion._make(a if moves(name) else ZERO for name, a in zip(Motion._fields, motion, strict=True))
+        motion = model.blades.carried(motion)
+    law = model.interfaces.law
+    u_s, mode = states.u_s, states.mode
+    if law.has_points and not isinstance(mode, tuple):
+        u_s, mode = (jnp.moveaxis(a, 1, 0) for a in (u_s, mode))  # the axis of points first
+    return State(motion, law.carried_slider(u_s, mode), law.carried_mode(mode), states.case)
+
+
+def stored_energies(state: State, model: RowModel, each: EachLane) -> Float[Array, " lanes"]:
+    """The energy stored in blades, in the springs between them and in contact springs [J]."""
+    springs = over(each, contact_spring_energy, pair_states(state, model), model.interfaces)
+    own = total(blade_energies(state.motion, model, each)) + total(springs)
+    between = coupling_energies(state.motion, model)
+    return own if is_zero(between) else own + total(between)
+
+
+@compiled("each")
+def energies_of_lanes(scenes: Scene, lanes: Lane, each: EachLane) -> Float[Array, " lanes"]:
+    """The energies stored in blades and springs of lanes (leading axis) [J]."""
+    return stored_energies(lanes_last(lanes).state, lane_models(scenes)[0], each)
+
+
+def ledger_of(accumulator: Accumulator) -> Ledger:
+    """The works of lanes, with zeros where there is no friction: those of rows of each blade, friction of each face."""
+    ledger, jumps = accumulator.integrals.ledger, accumulator.jumps
+    assert ledger is not None  # where works are requested they are kept, and so are the jumps
+    assert jumps is not None
+    friction = at_interface(ledger.friction) if is_unrolled(jumps.springs) else ledger.friction
+    return filled(ledger, ledger.drive)._replace(friction=filled(friction, jumps.springs))
+
+
+def residual_of_energy(accumulator: Accumulator, gained: Any) -> Any:
+    """The residual of the energy balance of lanes [J], lanes last, that have `gained` energy."""
+    jumps = accumulator.jumps
+    assert jumps is not None
+
+    def in_all(a: Any) -> Any:
+        return total(a) if is_unrolled(a) or jnp.ndim(a) > jnp.ndim(gained) else a
+
+    works = Ledger._make(map(in_all, ledger_of(accumulator)))
+    return energy_residual(works, EnergyJumps(in_all(jumps.springs), jumps.dropped), gained)
+
+
+class Sampled(NamedTuple):
+    """States of lanes as users have them, and the forces of contact there."""
+
+    state: State
+    forces: ContactForces | None  # absent where the model lacks them; None where they are not requested
+
+
+def sampled(
+    state: State, status: Int[Array, " lanes"], turns: Any, model: RowModel, each: EachLane, forces: bool
+) -> Sampled:
+    """A sample of lanes, lanes last, at phases of the drive [turns]; NaN where the status is not OK."""
+    u_s = over(each, slider_position, pair_states(state, model), model.interfaces)
+    real = with_zeros(State(model.blades.shroud(state.motion), u_s, state.mode, state.case))
+    found = as_users_have(real, model)
+    of_contact = forces_of_users(state, turns, model, each) if forces else None
+    lost = status != Status.OK
+
+    def kept(a: Any) -> Any:
+        return jnp.where(lax.broadcast_in_dim(lost, a.shape, range(lost.ndim)), jnp.nan, a)
+
+    motion, u_s, of_contact = jax.tree.map(kept, (found.motion, found.u_s, of_contact))
+    return Sampled(State(motion, u_s, found.mode, found.case), of_contact)
+
+
+def forces_of_users(state: State, turns: Any, model: RowModel, each: EachLane) -> ContactForces:
+    """The forces of contact, lanes first."""
+    forces = row_contact_forces(state, each(sincos_turns, turns), model, each)
+    axis = -2
+    if model.is_pair:
+        forces = at_only_interface(forces)
+        axis = -1
+    points = stacked_point_forces(forces.points, jnp.zeros_like(forces.v), axis)
+    forces = forces._replace(N=filled(forces.N, forces.v), F=filled(forces.F, forces.v), points=points)
+    return forces if model.is_pair else lanes_first(forces)
+
+
+def as_users_have(state: State, model: RowModel) -> State:
+    """The states of shrouds, lanes last, as users have them, lanes first."""
+    state = with_zeros(state)
+    if model.is_pair:
+        return without_unrolled_axes(state)
+    return lanes_first(State(state.motion, points_last(state.u_s, -2), points_last(state.mode, -2), state.case))
+
+
+def canonical(state: State, model: RowModel, each: EachLane) -> State:
+    """The states, lanes last, with the numbers that their modes determine: sliders but in stick, one angle if flat.
+
+    Numbers on which no later motion depends are then unique, and have no tangent.
+    """
+    motion, u_s = state.motion, state.u_s
+    if model.turns_by_events:
+        cluster = clusters(state.case, model)
+        flat = any_along(state.case == FLAT)
+
+        def level(a):
+            return where(flat, cluster.mean(a), a)
+
+        motion = motion._replace(theta=level(motion.theta), v_theta=level(motion.v_theta))
+    state = State(motion, u_s, state.mode, state.case)
+    if is_zero(u_s) or model.interfaces.law.flows:
+        return state
+
+    def slider(state: State, model: Model) -> Any:
+        return _canonical_slider(place_contact(state.motion, state, model)[2], state, model)
+
+    u_s = over(each, slider, pair_states(state, model), model.interfaces)
+    return State(motion, u_s, state.mode, state.case)
+
+
+def _canonical_slider(at: Kinematics, state: State, model: Model) -> Any:
+    """The slider that the mode determines in slip and when apart; else that of the state."""
+    w = model.law.stretch_at(at, state.u_s, state.mode)
+    sliders = jax.tree.map(lambda w: at.u - w, w)
+    return jax.tree.map(lambda u_s, mode: jnp.where(mode == Mode.APART, 0.0, u_s), sliders, state.mode)
