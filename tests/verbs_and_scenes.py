@@ -302,7 +302,7 @@ def keep(answers: Mapping[str, Mapping[str, str]]) -> None:
 
 PREAMBLE = """# What every verb does for every kind of scene
 
-Each verb was asked for each of these scenes at the smallest size: two to four blades, coarse steps, a few periods.
+Verbs were run for each of these scenes at the smallest size: two to four blades, coarse steps, a few periods.
 Any two values of two properties that one scene may have occur together in one of them. The table says whether a verb
 comes to an end, not how good its numbers are: that is on the pages of the verbs, and of [limits](limits.md).
 `pytest --full tests/test_verbs_and_scenes.py` computes the answers anew.
@@ -314,8 +314,8 @@ Blades by matrices have three modes each. Unlike blades differ in mass. Phases a
 
 ## The answers
 
-A dot: done. A number: the limit of that number below. Empty: not asked. Blades by matrices and laws of a user are given
-in Python, where there are no commands such as `plot`; what takes long was asked for some scenes only.
+A dot: done. A number: the limit of that number below. Empty: not tried. Blades by matrices and laws of a user are given
+in Python, where there are no commands such as `plot`; what takes long was tried for some scenes only.
 """
 
 
