@@ -134,13 +134,18 @@ def pytest_collection_modifyitems(config, items):
     items[:] = kept
 
 
+def share_of(item):
+    """What the parts of a run divide: a file, or one parameter of a test whose parameters take long."""
+    return str(item.path), item.callspec.id if item.get_closest_marker("by_parameter") else ""
+
+
 def part_of(items, part, parts):
     """The tests of part 1, 2, ... of so many, by files; the notebooks are in every part."""
     if not 1 <= part <= parts:
         raise pytest.UsageError(f"--part {part}/{parts}: there is no such part")
-    files = sorted({item.path for item in items if item.path.name != "test_notebooks.py"})
-    others = {path for i, path in enumerate(files) if i % parts != part - 1}
-    return [item for item in items if item.path not in others]
+    shares = sorted({share_of(item) for item in items if item.path.name != "test_notebooks.py"})
+    others = {share for i, share in enumerate(shares) if i % parts != part - 1}
+    return [item for item in items if share_of(item) not in others]
 
 
 @pytest.fixture(scope="session")

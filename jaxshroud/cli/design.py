@@ -241,7 +241,7 @@ def _call_report(call: VerbCall, progress: Progress) -> Report:
 
 def _output_report(completed: CompletedCall) -> None:
     report: Report = completed.result
-    report.save(completed.options.out)
+    report.save(completed.options.out, dpi=completed.options.dpi)
     reasons = {f"because {i}": reason for i, reason in enumerate(report.reasons, 1)}
     print_table(report.title, {"verdict": report.verdict, **reasons, "written": files_written()})
 

@@ -178,6 +178,8 @@ def _range_axis(file: SceneFile, text: str) -> Axis:
     key, _, values = text.partition("=")
     if not values:
         raise CommandError(f"--range {text}: is not KEY=A,B,C, e.g. --range drive.F_0=20,40,60,80")
+    if "," not in values:
+        raise CommandError(f"--range {text}: is a single condition, which is given by --set {text}")
     return axis(file, key.strip(), values, where=f"--range {key}")
 
 

@@ -153,7 +153,7 @@ def animate_command(options: argparse.Namespace) -> None:
     data = read(options.source)
     if "end_turns" not in data.attrs:
         raise CommandError(f"{options.source}: not a run; give a file written by `jaxshroud simulate`")
-    appearance = {"periods": options.periods, "factor": options.factor, "title": options.title}
+    appearance = {name: getattr(options, name) for name in ("periods", "factor", "title", "dpi")}
     with progress_bar("frames") as report, damage_reported(options.source):
         factor = save_animation(data, options.out, **appearance, progress=report)
     print(f"{place_of(options.out)} (motion and gap exaggerated {factor:g}-fold)")

@@ -41,7 +41,7 @@ from jaxshroud.plotting.style import (
 )
 from jaxshroud.scene.checks import InputError
 
-PER_SECOND, DPI = 20, 150
+PER_SECOND = 20
 MILLIMETRES = scale_of(np.zeros(()))  # for rows too, whose gaps may differ
 Writers = {".gif": PillowWriter, ".mp4": FFMpegWriter}
 TALLEST = 4.2  # of the blocks [inch]
@@ -63,6 +63,7 @@ def save_animation(
     periods: int | None = None,
     factor: float | None = None,
     title: str | None = None,
+    dpi: int = 150,
     progress: Callable[[int, int], None] | None = None,
 ) -> float:
     """Write the last periods of a run as an animation.
@@ -73,6 +74,7 @@ def save_animation(
         periods: Drive periods shown; by default those after which the motion repeats, or four.
         factor: The factor by which motion and gap are exaggerated; by default so that the motion is well visible.
         title: A title in place of that of the run.
+        dpi: Dots per inch.
         progress: A function that is called with the number of finished frames and that of all frames.
 
     Returns:
@@ -100,7 +102,7 @@ def save_animation(
         animation.fix_layout()
         writer = Writers[path.suffix](fps=PER_SECOND)
         temporary = Path(folder, path.name)
-        with writer.saving(animation.figure, str(temporary), DPI):
+        with writer.saving(animation.figure, str(temporary), dpi):
             for i in range(frames.sizes["time"]):
                 animation.show(i)
                 writer.grab_frame()

@@ -3,6 +3,7 @@
 import base64
 import io
 from collections.abc import Sequence
+from functools import partial
 from html import escape
 from itertools import islice, zip_longest
 from pathlib import Path
@@ -43,37 +44,36 @@ class Section(NamedTuple):
     verbatim: str = ""
 
 
-def save_document(title: str, sections: Sequence[Section], path: Path) -> None:
+def save_document(title: str, sections: Sequence[Section], path: Path, dpi: int = DOTS) -> None:
     """Write a report as .html or .pdf, completely or not at all.
 
     Raises:
         InputError: The suffix is neither.
         WriteError: The path cannot be written.
     """
-    writers = {".html": html_document, ".pdf": pdf_document}
+    writers = {".html": partial(html_document, dpi=dpi), ".pdf": pdf_document}
     if path.suffix not in writers:
         raise InputError(f"{path}: a report is .html or .pdf")
     write(path, writers[path.suffix](title, sections))
 
 
-def html_document(title: str, sections: Sequence[Section]) -> bytes:
-    """The report as one HTML page that needs no other file."""
+def html_document(title: str, sections: Sequence[Section], dpi: int = DOTS) -> bytes:
+    """The report as one HTML page that needs no other file, with pictures of `dpi` dots per inch."""
     title_tag = f"<title>{escape(unicode_text(title))}</title>"
     head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width">{title_tag}'
-    body = "\n".join(map(_section_html, sections))
+    body = "\n".join(_section_html(section, dpi) for section in sections)
     page = f'<!doctype html>\n<html lang="en"><head>{head}<style>{CSS}</style></head>\n'
     return f"{page}<body><h1>{markup(title)}</h1>\n{body}\n</body></html>\n".encode()
 
 
-def _section_html(section: Section) -> str:
+def _section_html(section: Section, dpi: int) -> str:
     parts = [f"<h2>{markup(section.heading)}</h2>", *(f"<p>{markup(text)}</p>" for text in section.paragraphs)]
     if section.table:
         rows = [_row_html(row, "td" if i else "th") for i, row in enumerate(section.table)]
         parts.append("<table>" + "".join(rows) + "</table>")
     if section.figure is not None:
-        parts.append(
-            f'<p><img alt="{escape(section.heading)}" src="data:image/png;base64,{_png_base64(section.figure)}"></p>'
-        )
+        png = _png_base64(section.figure, dpi)
+        parts.append(f'<p><img alt="{escape(section.heading)}" src="data:image/png;base64,{png}"></p>')
     if section.verbatim:
         parts.append(f"<pre>{escape(section.verbatim)}</pre>")
     return "\n".join(parts)
@@ -83,9 +83,9 @@ def _row_html(cells: Sequence[str], tag: str) -> str:
     return "<tr>" + "".join(f"<{tag}>{markup(cell)}</{tag}>" for cell in cells) + "</tr>"
 
 
-def _png_base64(figure: Figure) -> str:
+def _png_base64(figure: Figure, dpi: int) -> str:
     content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=DOTS)
+    figure.savefig(content, format="png", dpi=dpi)
     return base64.b64encode(content.getvalue()).decode()
 
 

@@ -14,7 +14,7 @@ from matplotlib.axis import Axis
 from matplotlib.collections import LineCollection, QuadMesh
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogFormatter, LogLocator, MaxNLocator
+from matplotlib.ticker import FixedLocator, LogFormatter, LogLocator, MaxNLocator
 
 from jaxshroud.plotting.page import Page, Panel, figure_of
 from jaxshroud.plotting.plot_amplitude import response_page
@@ -64,7 +64,8 @@ PAGES: dict[str, Callable[..., Page]] = {
     "campbell": campbell_page,
     "mistuned": mistuned_page,
 }
-CURVES = ("trajectory", "sweep", "response", "power", "lyapunov", "branch", "campbell")  # kinds of results
+# Kinds of results.
+CURVES = ("trajectory", "sweep", "response", "power", "lyapunov", "branch", "campbell", "mistuned")
 BEHIND = 0.5  # zorder of a picture behind another
 FEWEST_TICKS = 3
 
@@ -166,12 +167,21 @@ def _draw_both(panel: Panel, other: Panel, behind: object, ax: Axes, content: ob
                 artist.set(markeredgecolor=GREY)
         else:
             artist.remove()
-    labels = ax.get_xlabel(), ax.get_ylabel()
+    for container in ax.containers:
+        container.set_label("_")
+    labels = _axis_labels(ax)
     x, y = ax.get_xlim(), ax.get_ylim()
+    ax.set_autoscale_on(True)
     panel.draw(ax, content)
-    if labels != (ax.get_xlabel(), ax.get_ylabel()):
+    if labels != _axis_labels(ax):
         raise InputError(f"`over`: the axes differ ({', '.join(labels)}); give a common `unit`, or one `panel`.")
     ax.set(xlim=_union(ax.get_xlim(), x), ylim=_union(ax.get_ylim(), y))
+
+
+def _axis_labels(ax: Axes) -> list[str]:
+    """The labels of both axes, and those of ticks that a panel has set."""
+    ticks = ax.get_xticklabels() if isinstance(ax.xaxis.get_major_locator(), FixedLocator) else []
+    return [ax.get_xlabel(), ax.get_ylabel(), *(tick.get_text() for tick in ticks)]
 
 
 def _union(one: Sequence[float], other: Sequence[float]) -> tuple[float, float]:

@@ -64,7 +64,7 @@ class Attractors(Result):
     that never slips (permanent stick keeps the slider wherever it is, so the family counts as one attractor), and 2
     for aperiodic motion.
 
-    The motions of a row, which a report finds, are told apart by their points at the strobe over the kept periods: no
+    The motions of a row, which a report finds, are told apart by their Poincaré points over the kept periods: no
     orbit is closed, and nothing is said of their stability but that runs stay on them. In a ring the copies of a motion
     that begin at another blade are motions of their own.
 

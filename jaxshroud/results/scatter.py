@@ -10,7 +10,7 @@ import numpy as np
 from jaxshroud.io.lane_status import FLAGS
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, Variable
-from jaxshroud.plotting.documents import Section, save_document
+from jaxshroud.plotting.documents import DOTS, Section, save_document
 from jaxshroud.results.attractors import Attractors
 from jaxshroud.results.base import Result
 from jaxshroud.results.diagnosis import Diagnosis
@@ -150,14 +150,18 @@ class Report:
     diagnosis: Diagnosis | None = None  # of a row of blades
 
     @typed
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | Path, *, dpi: int = DOTS) -> None:
         """Write the document as .html or .pdf.
+
+        Args:
+            path: A name that ends in .html or .pdf.
+            dpi: Dots per inch of the pictures in HTML; those in PDF are lines.
 
         Raises:
             InputError: The suffix is neither.
             WriteError: The place cannot be written.
         """
-        save_document(self.title, self.sections, Path(path))
+        save_document(self.title, self.sections, Path(path), dpi)
 
     def summary(self) -> dict[str, JSONValue]:
         """The verdict with its reasons, and the summaries of the results on which it rests."""

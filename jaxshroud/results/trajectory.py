@@ -252,7 +252,12 @@ class Trajectory(WithAmplitudes, Result):
 
     @typed
     def animate(
-        self, path: str | os.PathLike[str], *, periods: int | None = None, factor: float | None = None
+        self,
+        path: str | os.PathLike[str],
+        *,
+        periods: int | None = None,
+        factor: float | None = None,
+        dpi: int = 150,
     ) -> float:
         """Write the last periods of a single run as an animation of both blocks, the contact point and the forces.
 
@@ -260,6 +265,7 @@ class Trajectory(WithAmplitudes, Result):
             path: A name that ends in .gif, or in .mp4 where ffmpeg is installed.
             periods: Drive periods shown; by default those after which the motion repeats, or four.
             factor: The factor by which motion and gap are exaggerated; by default so that the motion is well visible.
+            dpi: Dots per inch.
 
         Returns:
             The factor.
@@ -272,7 +278,7 @@ class Trajectory(WithAmplitudes, Result):
 
         if "status" not in self.data.attrs:
             raise InputError("A moving picture shows one run of many: choose it by `lane`.")
-        return save_animation(self.data, path, periods=periods, factor=factor)
+        return save_animation(self.data, path, periods=periods, factor=factor, dpi=dpi)
 
     def __repr__(self) -> str:
         if np.ndim(self.status):

@@ -37,8 +37,11 @@ N_PERIODS = 64  # kept periods, unless the argument or the scene file says other
 LaneVariable = tuple[tuple[str, ...], np.ndarray, dict[str, str]]  # dimensions, values, attributes
 
 
+LACK_MATRICES = ("orbit", "branch", "response", "gradient", "diagnose", "report")  # verbs
+
+
 def check_verb(verb: str, scene: Scene | SceneFile) -> None:
-    """Raise an InputError if the scene has a row of blades, or a pair, which a verb does not know."""
+    """Raise an InputError if a verb does not know the layout, the contact or the blades of the scene."""
     where = f"{scene.name}: " if isinstance(scene, SceneFile) else ""
     require_capability(f"`{verb}`", scene.layout, where)
     points = {"points", "shares"} & {*scene.tables["contact"]} if isinstance(scene, SceneFile) else scene.contact.points
@@ -46,6 +49,14 @@ def check_verb(verb: str, scene: Scene | SceneFile) -> None:
         require_points(verb, points, where)
         parts = scene.tables["parts"]["contact"] if isinstance(scene, SceneFile) else scene.parts.contact
         require_steps(parts, verb, where)
+    if verb in LACK_MATRICES and isinstance(scene, Scene):
+        require_lumped(scene, f"`{verb}`")
+
+
+def require_lumped(scene: Scene, asked: str) -> None:
+    """Raise an InputError if the blades are by matrices, whose coordinates what is asked does not know."""
+    if scene.blades.matrices() is not None:
+        raise InputError(f"{asked} does not know blades by matrices yet: it reads x, y and theta of each blade.")
 
 
 def check_row(scene: Scene, **asked: bool) -> None:

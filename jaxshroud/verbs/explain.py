@@ -1,7 +1,7 @@
 """The parts of a scene's model, their cost in operations and steps, and those that it could do without."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
@@ -65,7 +65,7 @@ def explain(scene: Scene | SceneFile, method: Method | None = None) -> Explanati
         >>> model.events
         ('contact',)
     """
-    scene = one_scene("explain", scene)
+    scene = replace(one_scene("explain", scene), start="motion")  # a static start adds nothing to a trial step
     method_choices = FAST if method is None else choices(method)
     check_row(scene)
     stepping = stepping_method(scene, method_choices)

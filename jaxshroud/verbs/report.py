@@ -175,7 +175,7 @@ def report(
 
     Of a row of blades P_d is that of all, or by `of` that of the blade that gains the least; amplitudes are those of
     the blade that swings most, forces those of the interface where they are largest. There are its natural modes,
-    waves, blades and interfaces, and coexisting motions are told apart by their points at the strobe.
+    waves, blades and interfaces, and coexisting motions are told apart by their Poincaré points.
 
     The verdict is "fails" where a stated limit is not kept, "doubtful" where results do not agree or may not last, and
     "sound" otherwise.

@@ -89,7 +89,7 @@ class RowFindings(DesignFindings):
         "P_d is that of all blades; amplitudes are those of the blade that swings most.",
     )
     motions_by: ClassVar[tuple[str, ...]] = (
-        "Runs from rest with random rates, told apart by their points at the strobe; no orbit is closed. In a ring "
+        "Runs from rest with random rates, told apart by their Poincaré points; no orbit is closed. In a ring "
         "the copies of a motion that begin at another blade count each.",
     )
     motion_heads: ClassVar[tuple[str, ...]] = ("least of the worst blade [%]", "largest amplitude of x [mm]")

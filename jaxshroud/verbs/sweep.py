@@ -27,7 +27,14 @@ from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.signals.period import PERIOD_TOLERANCE
-from jaxshroud.verbs.arguments import ResolvedOptions, check_row, flatten_lanes, refuse_traced, resolve_options
+from jaxshroud.verbs.arguments import (
+    ResolvedOptions,
+    check_row,
+    flatten_lanes,
+    refuse_traced,
+    require_lumped,
+    resolve_options,
+)
 from jaxshroud.verbs.asked import MethodArgument
 from jaxshroud.verbs.jumps import with_jumps
 from jaxshroud.verbs.plan import plan_march, warn_missed
@@ -159,6 +166,8 @@ def sweep(
     require_state(grid.lanes)
     if confirm and direction != "independent":
         raise InputError(f"Argument `confirm` is of independent lanes, but `direction` is {direction!r}.")
+    if direction != "independent":
+        require_lumped(resolved.scene, f"`direction` = {direction!r}")
     directions = SINGLE_DIRECTIONS if direction == "both" and not is_linear(grid.lanes) else (direction,)
     lanes = len(directions) * math.prod(grid.shape)
     path = _store_path(store, resume)

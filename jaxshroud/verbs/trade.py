@@ -38,6 +38,7 @@ from jaxshroud.verbs.asked import Setting, by_series
 
 LANE_SCATTER = 0.05  # relative, of the lanes around a scene
 SCATTERED_KEYS = ("contact.gamma", "shroud.gap", "drive.F_0[0]", "drive.F_0[1]", "drive.omega", "friction.mu")
+FORCE_LEVEL = "drive.level"  # in place of the forces where the drive is a list of harmonics
 
 
 class Measurable(NamedTuple):
@@ -112,12 +113,13 @@ SETTINGS = {
 def neighbourhood(scene: Scene, lanes: int, seed: int = 0) -> Scene:
     """The scene and others (leading axis) around it: each of `SCATTERED_KEYS` scatters by `LANE_SCATTER`.
 
-    The forces on both blades scatter alike.
+    The forces on both blades scatter alike, and so do all harmonics of a drive that is a list of them.
     """
     places = np.random.default_rng(seed).uniform(-1, 1, (lanes, 5))[:, [0, 1, 2, 2, 3, 4]]
     places[0] = 0.0
-    numbers = np.array([value_of(scene, key) for key in SCATTERED_KEYS]) * (1 + LANE_SCATTER * places)
-    return scenes_at(scene, SCATTERED_KEYS, numbers)
+    keys = [FORCE_LEVEL if scene.drive.harmonic and "F_0" in key else key for key in SCATTERED_KEYS]
+    numbers = np.array([value_of(scene, key) for key in keys]) * (1 + LANE_SCATTER * places)
+    return scenes_at(scene, keys, numbers)
 
 
 @typed

@@ -440,6 +440,9 @@ def test_tune_command_refuses(tmp_path, capsys):
     assert "KEY=A,B,C" in refused(
         capsys, "tune", "table1", "--over", "shroud.gap=1e-5:1e-4", "--range", "drive.F_0", *out
     )
+    assert "--set drive.F_0=20" in refused(
+        capsys, "tune", "table1", "--over", "shroud.gap=1e-5:1e-4", "--range", "drive.F_0=20", *out
+    )
     assert "no number" in refused(capsys, "tune", "table1", "--over", "shroud.gaps=1:2", *out)
     assert "in order" in refused(capsys, "tune", "table1", "--over", "shroud.gap=1e-4:1e-5", *out)
     assert "positive" in refused(capsys, "tune", "table1", "--over", "shroud.gap=1e-5:1e-4", "--most-force=-1", *out)

@@ -10,6 +10,7 @@ from test_plot_contact import HALF, run
 from jaxshroud.plotting.animation import POINTS_ON_EDGE, Animation, save_animation
 from jaxshroud.plotting.frames import last_frames, stored_blocks
 from jaxshroud.plotting.run_data import run_data
+from jaxshroud.plotting.style import COLUMN_WIDTH
 from jaxshroud.scene.checks import InputError
 
 SHAPE = "[shroud]\nl_oa = 0.05\nl_ab = 0.035\nalpha = 1.0471975511965976\n"
@@ -66,10 +67,11 @@ def test_forces_act_at_the_contact_point_and_are_opposite():
 @pytest.mark.full
 def test_a_gif_has_sixty_frames_of_a_period(tmp_path):
     path = tmp_path / "run.gif"
-    factor = save_animation(still(), path, periods=1)
+    factor = save_animation(still(), path, periods=1, dpi=50)
     assert factor == 5.0  # 15 % of 35 mm over a motion of 1 mm
     with Image.open(path) as image:
         assert image.n_frames == 60
+        assert image.width == int(COLUMN_WIDTH * 50)
     assert [found.name for found in tmp_path.iterdir()] == ["run.gif"]
 
 

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from test_plot import drawn
 
-from jaxshroud.plotting.pictures import picture
+from jaxshroud.plotting.pictures import BEHIND, picture
+from jaxshroud.plotting.style import GREY
 from jaxshroud.results.mistuned import Mistuned, mistuned_coordinates
 
 N, VALUES = 12, np.linspace(1000.0, 1400.0, 21)
 
 
-def mistuned(spread, *, patterns=40, designs=("none", "alternate:0.02"), searched=False):
+def mistuned(spread, *, patterns=40, designs=("none", "alternate:0.02"), sigmas=(0.01, 0.03), searched=False):
     """A ring of 12 whose amplifications lie between 1 and 1 + `spread`, at two sigmas."""
     random, shape = np.random.default_rng(0), (len(designs), 2, patterns)
     level = 1 + spread * random.uniform(size=shape)
@@ -30,8 +31,7 @@ def mistuned(spread, *, patterns=40, designs=("none", "alternate:0.02"), searche
     }
     if searched:
         values |= {"searched_mistuning": values["mistuning"][0, 0, 0], "searched_amplitude": 2 * curve[None]}
-    sigmas = np.array([0.01, 0.03])
-    coords = mistuned_coordinates("drive.omega", VALUES, designs, sigmas, ("independent",), N)
+    coords = mistuned_coordinates("drive.omega", VALUES, designs, np.array(sigmas), ("independent",), N)
     return Mistuned.from_values(values, coords=coords, attrs={"title": ""}).data
 
 
@@ -52,3 +52,25 @@ def test_what_a_search_has_found_is_shown_in_place_of_what_was_drawn():
         for searched in (True, False)
     ]
     assert kinds == [["worst by gradient"], ["worst of those drawn"]]
+
+
+def test_another_row_is_behind_in_grey():
+    own, other = mistuned(0.5), mistuned(1.2)
+    levels, amplitudes, pattern = drawn(picture("mistuned", own, over=("mistuned", other))).axes
+    grey = [line for line in amplitudes.lines if line.get_zorder() == BEHIND]
+    assert {line.get_color() for line in grey} == {GREY}
+    assert len(grey) == 3  # tuned, median pattern, worst
+    largest = max(line.get_ydata().max() for line in amplitudes.lines)
+    assert largest == pytest.approx(1e3 * other["amplitude"].max())
+    assert amplitudes.get_ylim()[1] > largest
+    # Nothing is in the legends twice.
+    for panel in (levels, amplitudes, pattern):
+        words = [text.get_text() for text in panel.get_legend().get_texts()]
+        assert len(words) == len({*words})
+
+
+def test_rows_of_other_sigmas_are_not_drawn_over_one_another():
+    two, other = mistuned(0.5), mistuned(0.5, sigmas=(0.01, 0.02))
+    with pytest.raises(ValueError, match="the axes differ"):
+        picture("mistuned", two, over=("mistuned", other))
+    assert picture("mistuned", two, None, "amplitude", over=("mistuned", other)).axes

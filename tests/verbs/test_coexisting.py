@@ -118,6 +118,19 @@ def test_basins_are_what_their_starts_lead_to(found, tmp_path):
     assert js.open(tmp_path / "basins.nc").plot().axes
 
 
+def test_letters_are_those_of_attractors_whatever_the_shares(found):
+    # Starts near B, so that most end on it, as most random starts end on A.
+    near, at = SCENE, found.motion
+    for key, value in (("initial.x[1]", at.x[1, 1]), ("initial.v_x[1]", at.v_x[1, 1])):
+        near = js.vary(near, key, float(value))
+    x, v = at.x[1, 0], at.v_x[1, 0]
+    plane = js.basins(near, ranges=[(x - 2e-4, x + 2e-4), (v - 0.2, v + 0.2)], num=6, **STEPS)
+    assert found.share.argmax() != plane.share.argmax()
+    assert plane.names == found.names
+    np.testing.assert_allclose(plane.P_d, found.P_d, rtol=1e-8)  # both orbits are closed to 1e-9
+    np.testing.assert_allclose(plane.motion.x, at.x, rtol=0, atol=1e-8 * np.abs(at.x).max())
+
+
 def test_a_plane_is_of_two_numbers_of_the_start():
     with pytest.raises(js.InputError, match="two numbers"):
         js.basins(SCENE, ("x[0]", "x[0]"), **STEPS)

@@ -1,14 +1,16 @@
 """A report: its verdict, and documents that need nothing else."""
 
+import base64
 import re
 import sys
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import jaxshroud as js
-from jaxshroud.plotting.documents import Section, html_document, pdf_document
+from jaxshroud.plotting.documents import Section, html_document, pdf_document, save_document
 from jaxshroud.results.tuned import DesignJudgement
 from jaxshroud.verbs.report import gaps_about
 from jaxshroud.verbs.report_sections import Limits, ReportData
@@ -110,6 +112,13 @@ def test_text_is_escaped_and_broken_into_pages():
     assert "&lt;title&gt;" in page
     assert "a &amp; b" in page
     assert len(re.findall(rb"/Type /Page\b", pdf_document("t", [section]))) >= 3
+
+
+@pytest.mark.parametrize("dpi", [50, 120])
+def test_pictures_have_the_dots_per_inch(tmp_path, dpi):
+    save_document("t", [Section("s", figure=Figure((2, 1)))], tmp_path / "report.html", dpi)
+    (content,) = re.findall(r"base64,([^\"]+)", (tmp_path / "report.html").read_text("utf-8"))
+    assert int.from_bytes(base64.b64decode(content)[16:20]) == 2 * dpi
 
 
 @pytest.mark.parametrize(

@@ -33,6 +33,12 @@ def test_a_chain_of_two_costs_about_as_much_as_the_pair():
     assert 1 < chain.operations / pair.operations < 2
 
 
+@pytest.mark.full
+def test_a_static_start_is_no_part_of_a_step():
+    pressed = "shroud.gap=-10um"
+    assert explained(3, pressed, "initial.start=static") == explained(3, pressed)
+
+
 def test_the_advice_of_a_row_is_on_all_of_its_interfaces():
     words = ["row.closed=false", "row.blades=3"]
     assert not [text for text in explained(3, *words, "friction.mu=[0, 0.5]").advice if "mu or k_d" in text]

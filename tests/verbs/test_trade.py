@@ -2,6 +2,7 @@
 
 import itertools
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -129,6 +130,13 @@ def test_a_neighbourhood_is_the_scene_and_others_near_it(table1):
     near = neighbourhood(table1, 8)
     np.testing.assert_allclose(near.shroud.gap[0], table1.shroud.gap)
     assert 0 < np.max(np.abs(near.shroud.gap / table1.shroud.gap - 1)) <= 0.05
+
+
+def test_all_harmonics_of_a_drive_scatter_alike(table1):
+    drive = js.Drive(500.0, None, None, None, 0.0, harmonic=(js.Harmonic(1, 40.0, 0.5), js.Harmonic(2, 10.0, 0.5)))
+    level = neighbourhood(replace(table1, drive=drive), 8).drive.level
+    assert level[0] == 1
+    assert 0 < np.max(np.abs(level - 1)) <= 0.05
 
 
 @pytest.mark.parametrize(("asked", "value"), [("fast", 1e-3), ("balanced", 1e-6), ("1e-4", 1e-4), (1e-10, 1e-10)])
