@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.linear.equilibrium import in_pieces
+from jaxshroud.linear.equilibrium import in_pieces, with_float64
 from jaxshroud.linear.held_contact import HeldContact, sprung
 from jaxshroud.linear.linear_motion import NUMBERS_OF_MOTIONS, LinearMotion, Margins
 from jaxshroud.linear.linear_swing import HeldRest, SwingWaves, steady_swings
@@ -20,7 +20,7 @@ from jaxshroud.scene.typed import FloatArray
 ROUNDING = 1e-6  # of the start, to which its modes must sum up, and of the modes of a number
 INTERVALS = 64  # in which numbers are looked at together
 MOST_STRETCHES = 256  # of as many intervals, by whose end what dies out must be less than what is to spare
-MOST_HALVINGS = 10  # of an interval
+MOST_SPLITS = 10  # of an interval
 
 
 class SumOfModes(NamedTuple):
@@ -31,7 +31,7 @@ class SumOfModes(NamedTuple):
     rates: Any  # (modes,) complex [1/s]
     least: FloatArray  # (numbers,) the least values of the modes that stay and the mean, or less
 
-    def at(self, times: FloatArray) -> FloatArray:
+    def at(self, times: np.ndarray) -> FloatArray:
         """The numbers (numbers, times)."""
         return self.mean[:, None] + np.real(self.shares @ np.exp(self.rates[:, None] * times))
 
@@ -80,7 +80,7 @@ def _is_positive(numbers: SumOfModes, step: float) -> bool:
     begin = step * np.arange(INTERVALS + 1)
     values = numbers.at(begin)
     begin, low, high = begin[:-1], values[:, :-1], values[:, 1:]
-    for _ in range(MOST_HALVINGS):
+    for _ in range(MOST_SPLITS):
         least = np.minimum(low, high) - floor
         if np.any(least <= 0):
             return False
@@ -101,11 +101,12 @@ def outlasts_transient(scenes: Scene, held: HeldContact, motion: LinearMotion) -
     The blades of the scenes do not turn. It is said of no motion that does not die out.
     """
     rest, waves = _swings(scenes, held)
-    mu = np.asarray(scenes.friction.mu, float).reshape(len(rest.q), -1, 1)
-    lanes = mu, np.asarray(scenes.drive.omega, float), rest, waves, held.rigid, motion.margins
-    numbers = [_from_rest(*jax.tree.map(lambda a, i=i: a[i], lanes)) for i in range(len(mu))]
+    count = len(rest.q)
+    lanes = np.reshape(scenes.friction.mu, (count, -1, 1)), scenes.drive.omega, rest, waves, held.rigid, motion.margins
+    lanes = jax.tree.map(with_float64, lanes)
+    numbers = [_from_rest(*jax.tree.map(lambda a, i=i: a[i], lanes)) for i in range(count)]
     certain = [one for one in numbers if one is not None]
-    return len(certain) == len(mu) and all(map(stays_positive, sorted(certain, key=_doubt, reverse=True)))
+    return len(certain) == count and all(map(stays_positive, sorted(certain, key=_doubt, reverse=True)))
 
 
 def _doubt(numbers: SumOfModes) -> float:
