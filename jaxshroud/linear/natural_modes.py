@@ -29,6 +29,7 @@ from jaxshroud.model.linear_system import (
     moving_coordinates,
     over_blades,
     solutions,
+    spring_stiffness,
 )
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.scene import Scene
@@ -131,9 +132,9 @@ def contact_stiffness(blades: LinearContact, contact: NaturalContact) -> Any:
     """
     K = 0 * blades.free.stiffness
     if contact != "apart":
-        K = K + blades.v_q.T @ (blades.k[:, None] * blades.v_q)
+        K = K + spring_stiffness(blades.k, blades.v_q)
     if contact in ("stuck", "corner"):
-        K = K + blades.u_q.T @ (blades.k_d[:, None] * blades.u_q)
+        K = K + spring_stiffness(blades.k_d, blades.u_q)
     return K
 
 
@@ -261,7 +262,7 @@ def static_normal_forces(blades: LinearContact, growth: Growth, by: Pressing, sq
     wedge = (by.gap + square * by.gap_by_square) * by.sine
     v_q, k = blades.v_q, blades.k
     grown = np.diag((square - growth.square) * growth.by_square)
-    stiffness = blades.free.stiffness + grown + v_q.T @ (k[:, None] * v_q)
+    stiffness = blades.free.stiffness + grown + spring_stiffness(k, v_q)
     loads = by.mean * blades.moves + v_q.T @ (k * wedge)
     q = free @ solutions(free.T @ stiffness @ free, free.T @ loads)
     return k * (v_q @ q - wedge)
