@@ -223,18 +223,23 @@ def speed_curves(blades: LinearContact, contact: NaturalContact, growth: Growth,
     return found
 
 
-def order_crossings(blades: LinearContact, contact: NaturalContact, growth: Growth, order: float) -> FloatArray:
-    """The speed at which an engine order meets each mode, (modes,) [rad/s]; NaN where it does at none."""
+def order_crossings(
+    blades: LinearContact, contact: NaturalContact, growth: Growth, orders: Sequence[float]
+) -> FloatArray:
+    """The speeds at which engine orders meet each mode, (modes, orders) [rad/s]; NaN where one does at none."""
     of = _oscillators(blades, contact, growth)
-    root = np.linalg.cholesky(of.at_rest)
-    half = np.linalg.solve(root, order**2 * np.eye(len(root)) - of.growth)
-    inverse_squares, vectors = np.linalg.eigh(np.linalg.solve(root, half.T))
-    shapes = np.linalg.solve(root.T, vectors)
-    shapes = shapes / np.linalg.norm(shapes, axis=0)
-    matching = _matching(of.modes(of.square)[1], shapes)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        speeds = 1 / np.sqrt(inverse_squares)
-    return np.where(inverse_squares > 0, speeds, np.nan)[matching]
+    root, modes = np.linalg.cholesky(of.at_rest), of.modes(of.square)[1]
+
+    def crossed_by(order: float) -> FloatArray:
+        half = np.linalg.solve(root, order**2 * np.eye(len(root)) - of.growth)
+        inverse_squares, vectors = np.linalg.eigh(np.linalg.solve(root, half.T))
+        shapes = np.linalg.solve(root.T, vectors)
+        shapes = shapes / np.linalg.norm(shapes, axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            speeds = 1 / np.sqrt(inverse_squares)
+        return np.where(inverse_squares > 0, speeds, np.nan)[_matching(modes, shapes)]
+
+    return np.stack([crossed_by(order) for order in orders], axis=-1)
 
 
 def _matching(modes: FloatArray, others: FloatArray) -> np.ndarray:
