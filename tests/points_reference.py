@@ -43,6 +43,40 @@ class Row:
     closed: bool = False
 
 
+def row_of(scene):
+    """The row of a scene; a face without points is one point in its middle, which is enough where it cannot turn."""
+    blades, drive, count = scene.mistuned_blades, scene.drive, scene.layout.blades
+    of_blades = lambda a: np.broadcast_to(np.asarray(a, float), (count,)).copy()
+    of_interfaces = lambda a: np.broadcast_to(np.asarray(a, float), (scene.layout.interfaces,)).copy()
+    F_0, beta, points = of_blades(drive.F_0), of_blades(drive.beta), scene.contact.points
+    return Row(
+        m=of_blades(blades.m),
+        I=of_blades(blades.I),
+        k=np.array([of_blades(a) for a in (blades.k_x, blades.k_y, blades.k_T)]),
+        c=np.array([of_blades(a) for a in (blades.c_x, blades.c_y, blades.c_T)]),
+        force=np.array([F_0 * np.cos(beta), F_0 * np.sin(beta), of_blades(drive.M_0)]),
+        phase=of_blades(drive.phase),
+        omega=float(drive.omega),
+        gap=of_interfaces(scene.shroud.gap),
+        k_n=of_interfaces(scene.k),
+        k_d=of_interfaces(scene.friction.k_d),
+        mu=of_interfaces(scene.friction.mu),
+        alpha=float(scene.shroud.alpha),
+        l_oa=float(scene.shroud.l_oa),
+        places=np.zeros(1) if points is None else np.asarray(points.lengths(float(scene.shroud.l_ab))),
+        shares=np.ones(1) if points is None else np.asarray(points.shares),
+        closed=scene.layout.closed,
+    )
+
+
+def mean_loads(scene):
+    """The mean loads (3, N) on x, y and theta of the blades."""
+    mean, count = scene.drive.harmonics().get(0), scene.layout.blades
+    if mean is None:
+        return np.zeros((3, count))
+    return np.array([np.broadcast_to(np.asarray(a, float), (count,)) for a in (mean.F_x, mean.F_y, mean.M_0)])
+
+
 @dataclass
 class Run:
     """Where a run stands, and what has happened at each interface and point."""

@@ -29,6 +29,7 @@ from jaxshroud.model.linear_system import (
     moving_coordinates,
     over_blades,
     solutions,
+    spring_stiffness,
 )
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.scene import Scene
@@ -131,9 +132,9 @@ def contact_stiffness(blades: LinearContact, contact: NaturalContact) -> Any:
     """
     K = 0 * blades.free.stiffness
     if contact != "apart":
-        K = K + blades.v_q.T @ (blades.k[:, None] * blades.v_q)
+        K = K + spring_stiffness(blades.k, blades.v_q)
     if contact in ("stuck", "corner"):
-        K = K + blades.u_q.T @ (blades.k_d[:, None] * blades.u_q)
+        K = K + spring_stiffness(blades.k_d, blades.u_q)
     return K
 
 
@@ -222,18 +223,23 @@ def speed_curves(blades: LinearContact, contact: NaturalContact, growth: Growth,
     return found
 
 
-def order_crossings(blades: LinearContact, contact: NaturalContact, growth: Growth, order: float) -> FloatArray:
-    """The speed at which an engine order meets each mode, (modes,) [rad/s]; NaN where it does at none."""
+def order_crossings(
+    blades: LinearContact, contact: NaturalContact, growth: Growth, orders: Sequence[float]
+) -> FloatArray:
+    """The speeds at which engine orders meet each mode, (modes, orders) [rad/s]; NaN where one does at none."""
     of = _oscillators(blades, contact, growth)
-    root = np.linalg.cholesky(of.at_rest)
-    half = np.linalg.solve(root, order**2 * np.eye(len(root)) - of.growth)
-    inverse_squares, vectors = np.linalg.eigh(np.linalg.solve(root, half.T))
-    shapes = np.linalg.solve(root.T, vectors)
-    shapes = shapes / np.linalg.norm(shapes, axis=0)
-    matching = _matching(of.modes(of.square)[1], shapes)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        speeds = 1 / np.sqrt(inverse_squares)
-    return np.where(inverse_squares > 0, speeds, np.nan)[matching]
+    root, modes = np.linalg.cholesky(of.at_rest), of.modes(of.square)[1]
+
+    def crossed_by(order: float) -> FloatArray:
+        half = np.linalg.solve(root, order**2 * np.eye(len(root)) - of.growth)
+        inverse_squares, vectors = np.linalg.eigh(np.linalg.solve(root, half.T))
+        shapes = np.linalg.solve(root.T, vectors)
+        shapes = shapes / np.linalg.norm(shapes, axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            speeds = 1 / np.sqrt(inverse_squares)
+        return np.where(inverse_squares > 0, speeds, np.nan)[_matching(modes, shapes)]
+
+    return np.stack([crossed_by(order) for order in orders], axis=-1)
 
 
 def _matching(modes: FloatArray, others: FloatArray) -> np.ndarray:
@@ -261,7 +267,7 @@ def static_normal_forces(blades: LinearContact, growth: Growth, by: Pressing, sq
     wedge = (by.gap + square * by.gap_by_square) * by.sine
     v_q, k = blades.v_q, blades.k
     grown = np.diag((square - growth.square) * growth.by_square)
-    stiffness = blades.free.stiffness + grown + v_q.T @ (k[:, None] * v_q)
+    stiffness = blades.free.stiffness + grown + spring_stiffness(k, v_q)
     loads = by.mean * blades.moves + v_q.T @ (k * wedge)
     q = free @ solutions(free.T @ stiffness @ free, free.T @ loads)
     return k * (v_q @ q - wedge)

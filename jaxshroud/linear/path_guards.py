@@ -1,7 +1,9 @@
 """What ends a state of contact as loads are applied slowly, and the state that follows: one lane at a time.
 
 The states are those of a march, see `march/events`: points that are apart, stick or slip, and the case of each
-interface. Instead of rates in time there are those by the share of the loads that is applied.
+interface. Instead of rates in time there are those by the share of the loads that is applied. These jump where a
+stiffness does, while rates in time are continuous there. The transitions of a march, which choose what follows by the
+rates before an event, and one event after the other, do not serve here.
 """
 
 from typing import NamedTuple

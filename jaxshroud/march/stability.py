@@ -19,9 +19,10 @@ from jaxshroud.march.method import StepCount
 from jaxshroud.march.tableau import MIN_STEPS, RK4, Tableau, TaylorOptions
 from jaxshroud.model.arithmetic import Scalar, filled
 from jaxshroud.model.contact_law import ContactLaw
-from jaxshroud.model.coupling import coupling_bounds, couplings_of_pairs
+from jaxshroud.model.coupling import couplings_of_pairs
 from jaxshroud.model.geometry import corners
 from jaxshroud.model.linear import free_reach, steady_amplitudes
+from jaxshroud.model.linear_system import free_system, moving_coordinates
 from jaxshroud.model.prepared import prepared_law
 from jaxshroud.model.row import pair_at
 from jaxshroud.scene.checks import MAX_AUTO_STEPS, InputError, StepTooLongError, count_argument
@@ -83,15 +84,10 @@ class _Stiffness(NamedTuple):
 
 
 def _stiffness_of(scene: Scene) -> _Stiffness:
-    b = scene.running_blades
-    law = prepared_law(scene)
-    block = corners(scene.running_shroud, scene.contact.reading)
-    mass = jnp.concatenate([b.m, b.inertia_y, b.I])
-    moves = jnp.array([scene.parts.has(name, i) for name in ("x", "y", "theta") for i in (0, 1)])
-    mobility = jnp.where(moves, 1 / mass, 0.0)
-    blades = jnp.diag(jnp.concatenate([b.k_x, b.k_y, b.k_T]))
-    between = coupling_bounds(scene) if scene.is_coupled else None
-    engaged = blades if between is None else blades + between.stiffness
+    law, block = prepared_law(scene), corners(scene.running_shroud, scene.contact.reading)
+    mass, damping, engaged = free_system(scene)
+    own = jnp.concatenate([k for _, _, k in scene.running_blades.oscillators.values()])
+    mobility = jnp.where(moving_coordinates(scene), 1 / mass, 0.0)
     k, k_d, haste = filled((law.normal_stiffness, law.tangential_stiffness, law.slider_haste), mass[0])
 
     def touching(case: Int[Array, ""]) -> Float[Array, "6 6"]:
@@ -99,9 +95,8 @@ def _stiffness_of(scene: Scene) -> _Stiffness:
         return engaged + k * jnp.outer(v_q, v_q) + k_d * jnp.outer(u_q, u_q)
 
     stiffness = jnp.concatenate([jax.vmap(touching)(jnp.array([3, 1], jnp.int32)), engaged[None]])
-    damping = jnp.concatenate([b.c_x, b.c_y, b.c_T]) * mobility / 2
-    damping = damping if between is None else damping + between.damping * mobility / 2
-    excess = damping**2 - jnp.diag(blades) * mobility
+    damping = jnp.abs(damping).sum(axis=-1) * mobility / 2
+    excess = damping**2 - own * mobility
     fading = jnp.max(jnp.where(excess > 0, damping + jnp.sqrt(jnp.maximum(excess, 0.0)), 0.0))
     return _Stiffness(stiffness * jnp.sqrt(jnp.outer(mobility, mobility))[None], fading, haste, _relaxation(law, scene))
 

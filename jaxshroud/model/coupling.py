@@ -169,37 +169,15 @@ def _along_chain(a: Any, shift: int) -> Any:
     return jnp.concatenate([none, a[:-1]]) if shift > 0 else jnp.concatenate([a[1:], none])
 
 
-class CouplingBounds(NamedTuple):
-    """Bounds of what a pair's coupling adds, over x, y and theta of both blades: (6, 6) and (6,)."""
-
-    stiffness: Any
-    damping: Any
-
-
-def coupling_bounds(pair: Scene) -> CouplingBounds:
-    """The stiffness between both blades of a pair, and bounds of the damping and of the forces of the flow."""
-    coupling, omega = pair.coupling, pair.drive.omega
-
-    def number(a):
-        return jnp.zeros_like(omega) if a is None else a
-
-    opposed = jnp.array([[1.0, -1.0], [-1.0, 1.0]], omega.dtype)
-    K, C = jnp.zeros((6, 6), omega.dtype), jnp.zeros(6, omega.dtype)
-    for i, suffix in enumerate(SUFFIXES.values()):
-        own = slice(2 * i, 2 * i + 2)
-        K = K.at[own, own].add(number(getattr(coupling, f"k_{suffix}")) * opposed)
-        C = C.at[own].add(2 * number(getattr(coupling, f"c_{suffix}")))
-    flow = vars(pair.aero).items()
-    real, imaginary = (
-        summed([jnp.zeros_like(omega), *(jnp.abs(a) for name, a in flow if a is not None and name.endswith(part))])
-        for part in ("re", "im")
-    )
-    both = jnp.arange(2)
-    return CouplingBounds(K.at[both, both].add(real), C.at[both].add(imaginary / omega))
-
-
 def couplings_of_pairs(row: Scene) -> tuple[Coupling, Aero]:
-    """The coupling of pairs at every interface of a row (leading axis), twice that of the row, and the flow's."""
-    E = row.layout.interfaces
-    twice = jax.tree.map(lambda k: 2 * jnp.broadcast_to(k, (E,)), row.coupling)
-    return twice, jax.tree.map(lambda a: jnp.broadcast_to(a, (E,)), row.aero)
+    """The coupling of pairs at every interface of a row (leading axis), twice that of the row, and a bound of the flow.
+
+    The bound acts on each blade alone, by the sum of all magnitudes.
+    """
+
+    def at_interfaces(a: Any) -> Any:
+        return jnp.broadcast_to(a, (row.layout.interfaces,))
+
+    flow = [L for name in ("L0", "L1", "L_1") if (L := row.aero.coefficient(name)) is not None]
+    bound = [at_interfaces(summed(map(jnp.abs, parts))) for parts in zip(*flow, strict=True)]
+    return jax.tree.map(lambda k: 2 * at_interfaces(k), row.coupling), Aero(*bound)

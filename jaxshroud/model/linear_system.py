@@ -40,6 +40,11 @@ def free_system(scene: Scene) -> LinearSystem:
     return LinearSystem(mass, total(damping, "c"), total(stiffness, "k"))
 
 
+def spring_stiffness(k: Any, stretch_q: Any) -> Any:
+    """The stiffness (..., n, n) of springs (..., springs) by the gradients (springs, n) of their stretches."""
+    return stretch_q.T @ (k[..., None] * stretch_q)
+
+
 def coupling_matrix(scene: Scene, kind: str) -> Any:
     """The stiffness ("k") or the damping ("c") between the blades of a scene, (..., 3 N, 3 N): of springs and flow."""
     layout, omega = scene.layout, scene.drive.omega
@@ -49,7 +54,7 @@ def coupling_matrix(scene: Scene, kind: str) -> Any:
         k = getattr(scene.coupling, f"{kind}_{suffix}")
         if k is not None and scene.parts.has(name, 0):
             D = np.kron(np.eye(3)[[i]], apart).astype(omega.dtype)
-            whole = whole + D.T @ (k.reshape(*omega.shape, -1, 1) * D)
+            whole = whole + spring_stiffness(k.reshape(*omega.shape, -1), D)
     return whole
 
 

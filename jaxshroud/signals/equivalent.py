@@ -22,43 +22,37 @@ from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.states import motion_rows
 from jaxshroud.batch.stretches import cubic_mean
 from jaxshroud.march.method import Choices
-from jaxshroud.model.coupling import SUFFIXES
 from jaxshroud.model.linear import power_reduction
+from jaxshroud.model.linear_system import LinearSystem, free_system, moving_coordinates, solutions
 from jaxshroud.model.prepared import State
 from jaxshroud.scene.drive import AnyLoad
+from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene
 
 HARMONIC_PERIODS = 16  # over which the first harmonic of an aperiodic motion is taken
 NEGLIGIBLE_FORCE = 1e-6  # of contact, over that of the drive: the error of samples
 NEGLIGIBLE_MOTION = 1e-6  # along one direction of the faces, over that along the other: likewise
 
-PerCoordinate = Float[np.ndarray, "2 3"]  # blades; x, y and theta
-ComplexAmplitudes = Complex[np.ndarray, "2 3"]
+PerCoordinate = Float[np.ndarray, "6"]  # x of both blades, then y, then theta
+ComplexAmplitudes = Complex[np.ndarray, "6"]
+IN_PLANE = 4  # coordinates
 
 
 class LinearBlades(NamedTuple):
-    """The numbers of Eq. (1) without contact, of one scene: (2, 3) each, blades; x, y and theta."""
+    """Eq. (1) without contact, of one pair."""
 
-    m: PerCoordinate
-    c: PerCoordinate
-    k: PerCoordinate
-    moves: np.ndarray
+    free: LinearSystem
+    moves: np.ndarray  # (6,)
     drive: ComplexAmplitudes  # complex amplitude of the load, of the first harmonic
     mean: PerCoordinate  # constant load
     omega: float
     axes: Float[np.ndarray, "2 2"]  # normal and tangent of the faces at rest, as rows
-    k_between: Float[np.ndarray, "3"]  # of the springs between both blades without contact, along x, y and theta
-    c_between: Float[np.ndarray, "3"]
 
     @property
-    def coupling(self) -> Complex[np.ndarray, "2 2"]:
-        """The dynamic stiffness between both blades without contact, along x and y."""
-        return np.diag(self.k_between + 1j * self.omega * self.c_between)[:2, :2]
-
-    @property
-    def dynamic_stiffness(self) -> ComplexAmplitudes:
-        """The load per displacement of each coordinate alone."""
-        return self.k - self.m * self.omega**2 + 1j * self.omega * self.c
+    def dynamic_stiffness(self) -> Complex[np.ndarray, "6 6"]:
+        """The load per displacement."""
+        mass, damping, stiffness = self.free
+        return stiffness - np.diag(mass) * self.omega**2 + 1j * self.omega * damping
 
 
 class Equivalent(NamedTuple):
@@ -103,43 +97,27 @@ def equivalent_values(
 
 def linear_blades(scenes: Scene, i: int) -> LinearBlades:
     """The blades of one of many scenes (leading axis)."""
-    drive = jax.tree.map(lambda a: np.asarray(a, float)[i], scenes.drive)
-    first, mean = drive.harmonics().get(1), drive.harmonics().get(0)
-
-    m, c, k = (
-        np.stack([np.asarray(own, float)[i] for own in of], axis=-1)
-        for of in zip(*scenes.running_blades.oscillators.values(), strict=True)
-    )
-    moves = np.array([[scenes.parts.has(name, blade) for name in ("x", "y", "theta")] for blade in (0, 1)])
-    alpha = float(np.asarray(scenes.shroud.alpha)[i])
+    scene = jax.tree.map(lambda a: np.asarray(a, float)[i], scenes)
+    loads, alpha = scene.drive.harmonics(), float(scene.shroud.alpha)
     return LinearBlades(
-        m=m,
-        c=c,
-        k=k,
-        moves=moves,
-        drive=np.zeros((2, 3), complex) if first is None else _stacked_load(first),
-        mean=np.zeros((2, 3)) if mean is None else np.imag(_stacked_load(mean)),
-        omega=float(drive.omega),
+        free=free_system(scene),
+        moves=moving_coordinates(scene),
+        drive=_load_of(loads.get(1)),
+        mean=np.imag(_load_of(loads.get(0))),
+        omega=float(scene.drive.omega),
         axes=np.array([[np.sin(alpha), -np.cos(alpha)], [np.cos(alpha), np.sin(alpha)]]),
-        k_between=_between(scenes, i, "k"),
-        c_between=_between(scenes, i, "c"),
     )
 
 
-def _between(scenes: Scene, i: int, kind: str) -> Float[np.ndarray, "3"]:
-    """The springs, or the dampers, between both blades."""
-    numbers = (getattr(scenes.coupling, f"{kind}_{suffix}") for suffix in SUFFIXES.values())
-    return np.array([0.0 if a is None else float(np.asarray(a)[i]) for a in numbers])
-
-
-def _stacked_load(one: AnyLoad) -> ComplexAmplitudes:
+def _load_of(one: AnyLoad | None) -> ComplexAmplitudes:
     """The complex amplitudes of the load of one harmonic."""
-    parts = [one.parts(name) for name in ("x", "y", "theta")]
-    return np.stack([one.re + 1j * one.im for one in parts], axis=-1)
+    if one is None:
+        return np.zeros(6, complex)
+    return np.concatenate([part.re + 1j * part.im for part in map(one.parts, COORDINATES)])
 
 
 class HarmonicMotion(NamedTuple):
-    """The complex amplitudes, or the means, of displacements, rates and accelerations: (2, 3) each."""
+    """The complex amplitudes, or the means, of displacements, rates and accelerations: (6,) each."""
 
     q: ComplexAmplitudes | PerCoordinate
     rate: ComplexAmplitudes | PerCoordinate
@@ -151,10 +129,10 @@ def first_harmonics(rows: np.ndarray, steps: int, omega: float) -> HarmonicMotio
 
     Of rates and accelerations they are integrated by parts, so that the first and the last state may differ.
     """
-    q, v = (np.moveaxis(a.reshape(-1, 3, 2), 1, 2) for a in (rows[:, :6], rows[:, 6:]))
+    q, v = rows[:, :6], rows[:, 6:]
     interval = 2 * np.pi / omega / steps
-    wave = np.exp(-1j * omega * interval * np.arange(len(rows)))[:, None, None]
-    h = np.full((1, 1, 1, 1), interval)
+    wave = np.exp(-1j * omega * interval * np.arange(len(rows)))[:, None]
+    h = np.full((1, 1, 1), interval)
     displacement = 2j * cubic_mean((q * wave)[None], ((v - 1j * omega * q) * wave)[None], h)[0]
 
     def gained(a):
@@ -166,13 +144,13 @@ def first_harmonics(rows: np.ndarray, steps: int, omega: float) -> HarmonicMotio
 
 def mean_motion(rows: np.ndarray, steps: int, omega: float) -> HarmonicMotion:
     """The means over the same periods of displacements, rates and accelerations."""
-    q, v = (np.moveaxis(a.reshape(-1, 3, 2), 1, 2) for a in (rows[:, :6], rows[:, 6:]))
+    q, v = rows[:, :6], rows[:, 6:]
     interval = 2 * np.pi / omega / steps
 
     def gained(a):
         return (a[-1] - a[0]) / (interval * (len(rows) - 1))
 
-    mean = cubic_mean(q[None], v[None], np.full((1, 1, 1, 1), interval))[0]
+    mean = cubic_mean(q[None], v[None], np.full((1, 1, 1), interval))[0]
     return HarmonicMotion(mean, gained(q), gained(v))
 
 
@@ -197,33 +175,35 @@ def _contact_force(
     blades: LinearBlades, motion: HarmonicMotion, drive: ComplexAmplitudes | PerCoordinate
 ) -> np.ndarray:
     """The force of contact on the left block along x and y, from Eq. (1)."""
-    between = blades.c_between * (motion.rate[0] - motion.rate[1]) + blades.k_between * (motion.q[0] - motion.q[1])
-    load = blades.m * motion.acceleration + blades.c * motion.rate + blades.k * motion.q - drive
-    load = load + np.stack([between, -between])
-    return (load[0] - load[1])[:2] / 2 if blades.moves[1, 0] else load[0, :2]
+    mass, damping, stiffness = blades.free
+    load = mass * motion.acceleration + damping @ motion.rate + stiffness @ motion.q - drive
+    left, right = load[:IN_PLANE:2], load[1:IN_PLANE:2]
+    return (left - right) / 2 if blades.moves[1] else left
 
 
 def _relative_motion(blades: LinearBlades, q: ComplexAmplitudes) -> np.ndarray:
     """The relative displacement of the blocks along the normal and the tangent; NaN along which nothing moves."""
-    along = blades.axes @ (q[0] - q[1])[:2]
+    along = blades.axes @ (q[:IN_PLANE:2] - q[1:IN_PLANE:2])
     reach = max(np.abs(along).max(), NEGLIGIBLE_MOTION * np.abs(q).max())
     return np.where(np.abs(along) > NEGLIGIBLE_MOTION * reach, along, np.nan)
 
 
-def relative_damping_ratio(blades: LinearBlades, stiffness: np.ndarray, damping: np.ndarray) -> np.ndarray:
+def relative_damping_ratio(blades: LinearBlades, k_eq: np.ndarray, c_eq: np.ndarray) -> np.ndarray:
     """The damping ratio that contact adds to the relative motion along the normal and the tangent.
 
     c_eq / (2 sqrt((k_r + k_eq) m_r)), with the mass m_r and the stiffness k_r against which both blades move apart
     along that direction: 1 / m_r and 1 / k_r are sums of those of x and y of both blades, weighted by its squared
     cosines; springs between the blades are added to k_r. NaN where k_r + k_eq is not positive.
     """
+    mass, _, stiffness = blades.free
+    between = -stiffness[[0, 2], [1, 3]]
 
     def along(a):
-        return 1 / (blades.axes**2 @ np.sum(np.where(blades.moves, 1 / a, 0.0), axis=0)[:2])
+        return 1 / (blades.axes**2 @ np.where(blades.moves, 1 / a, 0.0)[:IN_PLANE].reshape(2, 2).sum(axis=1))
 
     with np.errstate(invalid="ignore"):
-        k_r = along(blades.k) + blades.axes**2 @ blades.k_between[:2]
-        return damping / (2 * np.sqrt((k_r + stiffness) * along(blades.m)))
+        k_r = along(stiffness.sum(axis=1)) + blades.axes**2 @ between
+        return c_eq / (2 * np.sqrt((k_r + k_eq) * along(mass)))
 
 
 def reduction_with_stiffness(blades: LinearBlades, stiffness: np.ndarray, P_0: float) -> float:
@@ -238,39 +218,27 @@ def reduction_with_stiffness(blades: LinearBlades, stiffness: np.ndarray, P_0: f
         return np.nan
     if np.isinf(P_0):
         return 100.0
-    apart = mean_square_of(free_displacements(blades))
-    joined = mean_square_of(joined_displacements(blades, stiffness))
+    apart, joined = map(
+        mean_square_of, (joined_displacements(blades, np.zeros(2)), joined_displacements(blades, stiffness))
+    )
     return float(power_reduction(np.float64(P_0 - apart + joined), np.float64(P_0)))
 
 
-def mean_square_of(q: Complex[np.ndarray, "2 2"]) -> float:
+def mean_square_of(q: ComplexAmplitudes) -> float:
     """The mean square displacement of the left block's centre from complex amplitudes."""
-    return float(np.sum(np.abs(q[0]) ** 2) / 2)
+    return float(np.sum(np.abs(q[:IN_PLANE:2]) ** 2) / 2)
 
 
-def free_displacements(blades: LinearBlades) -> Complex[np.ndarray, "2 2"]:
-    """The complex amplitudes of x and y of both blades without contact."""
-    if np.any(blades.coupling):
-        return _linked_displacements(blades, blades.coupling)
-    return np.where(blades.moves, blades.drive / blades.dynamic_stiffness, 0.0)[:, :2]
-
-
-def joined_displacements(blades: LinearBlades, stiffness: np.ndarray) -> Complex[np.ndarray, "2 2"]:
-    """The complex amplitudes of x and y of both blades with springs (normal, tangent) between them.
+def joined_displacements(blades: LinearBlades, stiffness: np.ndarray) -> ComplexAmplitudes:
+    """The complex amplitudes of both blades with springs (normal, tangent) between them, which do not turn.
 
     An undefined spring, NaN, is left out; without any there is no motion to describe.
     """
-    known = np.isfinite(stiffness)
+    known, q = np.isfinite(stiffness), np.zeros(6, complex)
     if not known.any():
-        return np.full((2, 2), complex(np.nan))
-    K = blades.axes.T @ np.diag(np.where(known, stiffness, 0.0)) @ blades.axes
-    return _linked_displacements(blades, K + blades.coupling)
-
-
-def _linked_displacements(blades: LinearBlades, K: Complex[np.ndarray, "2 2"]) -> Complex[np.ndarray, "2 2"]:
-    """The complex amplitudes of x and y of both blades with a stiffness between them."""
-    Z = np.diag(blades.dynamic_stiffness[:, :2].ravel()) + np.kron(np.array([[1, -1], [-1, 1]]), K)
-    moves = blades.moves[:, :2].ravel()
-    q = np.zeros(4, complex)
-    q[moves] = np.linalg.solve(Z[np.ix_(moves, moves)], blades.drive[:, :2].ravel()[moves])
-    return q.reshape(2, 2)
+        return q + np.nan
+    Z, opposed = blades.dynamic_stiffness, np.array([[1, -1], [-1, 1]])
+    Z[:IN_PLANE, :IN_PLANE] += np.kron(blades.axes.T @ np.diag(np.where(known, stiffness, 0.0)) @ blades.axes, opposed)
+    moves = np.flatnonzero(blades.moves[:IN_PLANE])
+    q[moves] = solutions(Z[np.ix_(moves, moves)], blades.drive[moves])
+    return q

@@ -56,8 +56,7 @@ def lines_of_speeds(
         every = modes_in(blades, contact, [0 * blades.free.mass], words_for(arrays))
         places = [_place_among(modes[i], every) for i in chosen]
         frequencies[chosen] = speed_curves(blades, contact, growth, speeds**2)[places] / RAD_PER_CYCLE
-        met = [order_crossings(blades, contact, growth, order)[places] for order in orders]
-        crossings[chosen] = np.stack(met, axis=-1)
+        crossings[chosen] = order_crossings(blades, contact, growth, orders)[places]
     for values, at in ((frequencies, np.broadcast_to(speeds, frequencies.shape)), (crossings, crossings)):
         values[_excluded(modes, at, pressed)] = np.nan
 

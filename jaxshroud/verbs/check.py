@@ -18,7 +18,7 @@ from jaxshroud.march.tableau import RK4
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import Amplitudes, steady_amplitudes, waves_of
-from jaxshroud.model.linear_system import flow_matrix, solutions
+from jaxshroud.model.linear_system import flow_matrix, solutions, spring_stiffness
 from jaxshroud.model.steady_numbers import steady_peak
 from jaxshroud.results.data_sheet import Coordinate, DataSheet, FlowMode, NaturalMode, crossings_between
 from jaxshroud.scene.checks import InputError
@@ -243,7 +243,7 @@ def _displaced_by_interference(system: LinearContact, gaps: np.ndarray, alpha: f
     v_q = system.v_q[:, bends]
     k = np.where(depth > 0, system.k, 0.0)
     displacement = np.zeros(len(system.moves))
-    stiffness = system.free.stiffness[np.ix_(bends, bends)] + v_q.T @ (k[:, None] * v_q)
+    stiffness = system.free.stiffness[np.ix_(bends, bends)] + spring_stiffness(k, v_q)
     displacement[bends] = solutions(stiffness, -v_q.T @ (k * depth))
     x, y, _ = displacement.reshape(3, -1)
     return np.hypot(x, y)

@@ -86,7 +86,7 @@ def kept_state(scenes: Scene) -> LinearState | None:
     state: LinearState = "apart" if is_apart.all() else "stuck"
     held = held_contact(lanes, state)
     motion = linear_motions(lanes, held)
-    keeps = np.all(linear_status(motion) == Status.OK) and np.all(outlasts_transient(lanes, held, motion))
+    keeps = np.all(linear_status(motion) == Status.OK) and outlasts_transient(lanes, held, motion)
     return state if keeps else None
 
 

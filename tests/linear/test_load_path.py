@@ -48,45 +48,13 @@ def led(scene):
     return loaded_equilibria(lanes_of(scene))
 
 
-def row_of(scene):
-    """The scene as the independent reference has it; a face that cannot turn is one point."""
-    blades, count = scene.mistuned_blades, scene.layout.blades
-
-    def of_blades(a):
-        return np.broadcast_to(np.asarray(a, float), (count,))
-
-    def of_interfaces(a):
-        return np.atleast_1d(np.asarray(a, float))
-
-    points = scene.contact.points
-    return points_reference.Row(
-        m=of_blades(1.0),
-        I=of_blades(1.0),
-        k=np.array([of_blades(a) for a in (blades.k_x, blades.k_y, blades.k_T)]),
-        c=np.zeros((3, count)),
-        force=np.zeros((3, count)),
-        phase=np.zeros(count),
-        omega=1.0,
-        gap=of_interfaces(scene.shroud.gap),
-        k_n=of_interfaces(scene.k),
-        k_d=of_interfaces(scene.friction.k_d),
-        mu=of_interfaces(scene.friction.mu),
-        alpha=float(scene.shroud.alpha),
-        l_oa=float(scene.shroud.l_oa),
-        places=np.zeros(1) if points is None else np.asarray(points.lengths(float(scene.shroud.l_ab))),
-        shares=np.ones(1) if points is None else np.asarray(points.shares),
-        closed=scene.row is not None and scene.row.closed,
-    )
-
-
 class SmallSteps:
     """Equilibria under loads in small steps, by a return of the friction force to its limit at the end of each."""
 
     def __init__(self, scene):
-        self.row, mean = row_of(scene), scene.drive.harmonics()[0]
+        self.row = points_reference.row_of(scene)
         self.moves = np.repeat([name in scene.parts.motion for name in ("x", "y", "theta")], scene.layout.blades)
-        self.load = np.array([np.broadcast_to(a, (scene.layout.blades,)) for a in (mean.F_x, mean.F_y, mean.M_0)])
-        self.load = self.load * self.moves.reshape(self.load.shape)
+        self.load = points_reference.mean_loads(scene) * self.moves.reshape(3, -1)
 
     def faces(self, q):
         return points_reference.faces(self.row, np.concatenate([q, 0 * q]))
@@ -174,15 +142,10 @@ def test_undriven_blades_stay(scene):
 def ramped(name, *settings):
     """The scene of a ramp of the mean loads: a sine of which a quarter of a period lasts 1,000 periods of the scene."""
     scene = loaded(name, *settings)
-    count, mean = scene.layout.blades, scene.drive.harmonics()[0]
-
-    def listed(a):
-        return [float(one) for one in np.broadcast_to(np.asarray(a, float), (count,))]
-
-    F_x, F_y, M = (np.array(listed(a)) for a in (mean.F_x, mean.F_y, mean.M_0))
+    F_x, F_y, M = points_reference.mean_loads(scene)
     drive = {"F_0": np.hypot(F_x, F_y), "beta": np.arctan2(F_y, F_x), "M_0": M, "phase": 0 * M}
     kept = [one for one in settings if "_mean" not in one and "engine_order" not in one]
-    kept += [f"drive.{key}={listed(value)}" for key, value in drive.items()]
+    kept += [f"drive.{key}={value.tolist()}" for key, value in drive.items()]
     kept += [f"drive.omega={float(scene.drive.omega) / 4000}", "initial.start=static"]
     return js.load(name, [*kept, "blades.c_x=40", "blades.c_y=400", "blades.c_T=0.3"]).scene
 

@@ -10,17 +10,17 @@ import pytest
 import reference
 import row_reference
 from row_runs import row_scene_of
-from scipy.linalg import eigh
+from scipy.linalg import eigh, null_space
 
 import jaxshroud as js
 from jaxshroud.batch.lanes import lanes_last
 from jaxshroud.batch.xla import vmapped
 from jaxshroud.model.blade import ElasticMotion
 from jaxshroud.model.linear import steady_amplitudes
-from jaxshroud.model.modes import Mode
+from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Recorded
-from jaxshroud.model.row import prepared_row, row_rhs
+from jaxshroud.model.row import clusters_of, prepared_row, row_rhs
 from jaxshroud.scene.blades import BladeMatrices, Blades
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.layout import Parts
@@ -118,36 +118,43 @@ def error_of(found, wanted):
     return np.max(np.abs(found - wanted), axis=(0, 2)) / np.max(np.abs(wanted), axis=(0, 2))
 
 
-def assembled(of_blades, stuck):
-    """Mass and stiffness (4 N, 4 N) of the row in bending by NumPy, with all faces stuck on each other or apart."""
+def assembled(of_blades, stuck, turns=False):
+    """Mass and stiffness (4 N, 4 N) of the row by NumPy, with all faces stuck on each other or apart."""
     mass, _, stiffness, shroud = of_blades
     M, K = np.zeros((4 * N, 4 * N)), np.zeros((4 * N, 4 * N))
     for i in range(N):
         own = slice(4 * i, 4 * i + 4)
         M[own, own], K[own, own] = mass[i], stiffness[i]
     s, c = math.sin(ROW.alpha), math.cos(ROW.alpha)
+    arm = ROW.l_oa / 2 if turns else 0.0
     for j in range(N - 1 if stuck else 0):
-        relative = np.zeros((2, 4 * N))
-        relative[:, 4 * j : 4 * j + 4], relative[:, 4 * j + 4 : 4 * j + 8] = shroud[j][:2], -shroud[j + 1][:2]
-        for k, direction in ((ROW.k[j], (s, -c)), (ROW.k_d[j], (c, s))):
-            along = np.array(direction) @ relative
+        for k, (x, y, theta) in ((ROW.k[j], (s, -c, arm * c)), (ROW.k_d[j], (c, s, -arm * s))):
+            along = np.zeros(4 * N)
+            along[4 * j : 4 * j + 4], along[4 * j + 4 : 4 * j + 8] = (
+                np.array(by) @ shroud[i] for i, by in ((j, (x, y, theta)), (j + 1, (-x, -y, theta)))
+            )
             K += k * np.outer(along, along)
     return M, K
 
 
-def natural_frequencies(scene, mode):
-    """The natural circular frequencies (4 N,) of a row in bending, from the slopes of the package's accelerations."""
-    model = lanes_last(jax.tree.map(lambda a: a[None], prepared_row(with_parts(scene, Parts(motion=("x", "y"))))))
+def stiffness_per_mass(scene, mode, case, motion):
+    """The opposite slopes (4 N, 4 N) of the accelerations of a row by its coordinates, from the package."""
+    model = lanes_last(jax.tree.map(lambda a: a[None], prepared_row(with_parts(scene, Parts(motion=motion)))))
     wave, shape = (jnp.zeros(1), jnp.ones(1)), (N - 1, 1)
-    contact = jnp.full(shape, mode, jnp.int32), jnp.full(shape, int(mode != Mode.APART), jnp.int32)
+    contact = jnp.full(shape, mode, jnp.int32), jnp.full(shape, case, jnp.int32)
 
     def accelerations(q):
         numbers = tuple(q.reshape(N, 4)[:, j : j + 1] for j in range(4))
         now = State(ElasticMotion(numbers, jax.tree.map(jnp.zeros_like, numbers)), jnp.zeros(shape), *contact)
-        a = row_rhs(wave, now, None, model, Recorded(), vmapped)[0].acceleration
+        a = row_rhs(wave, now, clusters_of(now, model), model, Recorded(), vmapped)[0].acceleration
         return jnp.concatenate(a, axis=1).ravel()
 
-    stiffness = -jax.jit(jax.jacfwd(accelerations))(jnp.zeros(4 * N))
+    return -np.asarray(jax.jit(jax.jacfwd(accelerations))(jnp.zeros(4 * N)))
+
+
+def natural_frequencies(scene, mode):
+    """The natural circular frequencies (4 N,) of a row in bending."""
+    stiffness = stiffness_per_mass(scene, mode, int(mode != Mode.APART), ("x", "y"))
     return np.sqrt(np.sort(np.linalg.eigvals(stiffness).real))
 
 
@@ -161,6 +168,23 @@ def test_natural_frequencies_are_those_of_the_matrices(mode):
     held = (*of_blades[:3], of_blades[3] * [1, 1, 1, 0])
     moved = np.abs(natural_frequencies(scene_with(held), mode) / found - 1).max()
     assert moved > 0.05 if stuck else moved < 1e-10
+
+
+@pytest.mark.full
+def test_flat_faces_turn_shrouds_as_one():
+    # Rows of the map are constrained, S_theta q of neighbours equal, and a null space leaves what can move.
+    of_blades = matrices()
+    scene = eqx.tree_at(lambda s: s.shroud.gap, scene_with(of_blades), jnp.zeros(N - 1))
+    shroud, unlike = of_blades[3], np.zeros((N - 1, 4 * N))
+    for j in range(N - 1):
+        unlike[j, 4 * j : 4 * j + 4], unlike[j, 4 * j + 4 : 4 * j + 8] = shroud[j][2], -shroud[j + 1][2]
+    M, K = assembled(of_blades, True, turns=True)
+    Z = null_space(unlike)
+    wanted = Z @ np.linalg.solve(Z.T @ M @ Z, Z.T @ K @ Z)
+    found = stiffness_per_mass(scene, Mode.STICK, FLAT, COORDINATES) @ Z
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-10 * np.abs(wanted).max())
+    # Control: without the constraint the row accelerates otherwise.
+    assert np.abs(np.linalg.solve(M, K @ Z) - wanted).max() > 1e-3 * np.abs(wanted).max()
 
 
 def test_the_response_without_contact_is_that_of_the_matrices():

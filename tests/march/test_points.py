@@ -33,28 +33,7 @@ def scene_with(points, *changes, name="table1"):
 
 def by_reference(scene, periods=PERIODS, steps=200):
     """The states at the ends of periods (periods, 6, N), and the counts of each point."""
-    blades, drive, count = scene.mistuned_blades, scene.drive, len(scene.drive.phase)
-    of_blades = lambda a: np.broadcast_to(np.asarray(a, float), (count,)).copy()
-    of_interfaces = lambda a: np.atleast_1d(np.asarray(a, float))
-    F_0, beta = of_blades(drive.F_0), of_blades(drive.beta)
-    row = points_reference.Row(
-        m=of_blades(blades.m),
-        I=of_blades(blades.I),
-        k=np.array([of_blades(a) for a in (blades.k_x, blades.k_y, blades.k_T)]),
-        c=np.array([of_blades(a) for a in (blades.c_x, blades.c_y, blades.c_T)]),
-        force=np.array([F_0 * np.cos(beta), F_0 * np.sin(beta), of_blades(drive.M_0)]),
-        phase=of_blades(drive.phase),
-        omega=float(drive.omega),
-        gap=of_interfaces(scene.shroud.gap),
-        k_n=of_interfaces(scene.k),
-        k_d=of_interfaces(scene.friction.k_d),
-        mu=of_interfaces(scene.friction.mu),
-        alpha=float(scene.shroud.alpha),
-        l_oa=float(scene.shroud.l_oa),
-        places=np.asarray(scene.contact.points.lengths(float(scene.shroud.l_ab))),
-        shares=np.asarray(scene.contact.points.shares),
-        closed=scene.row is not None and scene.row.closed,
-    )
+    row = points_reference.row_of(scene)
     return points_reference.followed(row, np.array([*scene.initial]), periods, steps)
 
 

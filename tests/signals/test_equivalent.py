@@ -77,15 +77,16 @@ def test_blades_joined_by_the_equivalents_move_as_the_first_harmonic(sampled):
     # By definition of the equivalents, up to what the motion gains over its two periods, which is not closed.
     blades, motion, contact = sampled
     dynamic = contact.stiffness + 1j * blades.omega * contact.damping
-    gained = blades.m * motion.acceleration + blades.c * motion.rate + blades.k * motion.q
-    drive = np.where(blades.moves, blades.drive + blades.dynamic_stiffness * motion.q - gained, 0.0)
+    mass, damping, stiffness = blades.free
+    gained = mass * motion.acceleration + damping @ motion.rate + stiffness @ motion.q
+    drive = np.where(blades.moves, blades.drive + blades.dynamic_stiffness @ motion.q - gained, 0.0)
     joined = joined_displacements(blades._replace(drive=drive), dynamic)
     size = np.abs(motion.q).max()
     # Both blocks feel opposite forces to the order of the samples, 1e-7 of the drive.
-    np.testing.assert_allclose(joined, motion.q[:, :2], rtol=0, atol=1e-5 * size)
+    np.testing.assert_allclose(joined, motion.q, rtol=0, atol=1e-5 * size)
     # Control: without the damping it is another motion.
     undamped = joined_displacements(blades._replace(drive=drive), contact.stiffness)
-    assert np.abs(undamped - motion.q[:, :2]).max() > 1e-2 * size
+    assert np.abs(undamped - motion.q).max() > 1e-2 * size
 
 
 SHORT = {"n_periods": 8, "transient": 32, "method": js.RungeKutta(steps=400)}
@@ -177,9 +178,9 @@ def test_where_there_is_no_equivalent_the_reason_is_given(parts):
 def test_a_mean_load_is_no_contact():
     apart = js.load("table1", ["shroud.gap=50 mm", "drive.F_x_mean=[5, -5]", "blades.c_x=100", "blades.c_y=200"]).scene
     blades = linear_blades(one_lane(apart), 0)
-    np.testing.assert_array_equal(blades.mean, [[5.0, 0.0, 0.0], [-5.0, 0.0, 0.0]])
-    static, still = blades.mean / blades.k, np.zeros((2, 3))
-    rows = np.tile(np.concatenate([static.T.ravel(), still.ravel()]), (65, 1))
+    np.testing.assert_array_equal(blades.mean, [5.0, -5.0, 0.0, 0.0, 0.0, 0.0])
+    static, still = np.linalg.solve(blades.free.stiffness, blades.mean), np.zeros(6)
+    rows = np.tile(np.concatenate([static, still]), (65, 1))
     assert not equivalent_contact(blades._replace(drive=0 * blades.drive), rows, 64).touches
     # Control: blades that do not feel it are held by a contact.
     assert equivalent_contact(blades._replace(drive=0 * blades.drive, mean=still), rows, 64).touches

@@ -106,7 +106,9 @@ def claimed(scenes: Scene, state: str) -> np.ndarray:
     lanes = jax.tree.map(np.asarray, without_given(scenes))
     held = held_contact(lanes, state)  # pyright: ignore[reportArgumentType]
     motion = linear_motions(lanes, held)
-    return motion.margins.holds & outlasts_transient(lanes, held, motion)
+    every = range(len(motion.power))
+    each = (jax.tree.map(lambda a, i=i: np.asarray(a)[i : i + 1], (lanes, held, motion)) for i in every)
+    return motion.margins.holds & np.array([outlasts_transient(*one) for one in each])
 
 
 def some(scenes: Scene, at: np.ndarray) -> Scene:
