@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 from jaxshroud.batch.duals import Dual, differentiable, with_tangent
 from jaxshroud.batch.lanes import as_users_have, canonical, carried_states, lane_models, lanes_first
 from jaxshroud.batch.periods import CallLimits, march, periods_within
-from jaxshroud.batch.states import stacked
+from jaxshroud.batch.states import on_last_axis
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.accumulator import EventMargins
 from jaxshroud.march.carry import EachLane, Fixed, Lane, PerLane, time_grid
@@ -69,7 +69,7 @@ def end_flow(lanes: Lane, model: RowModel, time: PerLane, each: EachLane) -> Flo
     overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(total(power))
     status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
     end = canonical(lanes.state, model, each)
-    of_blades = stacked(lanes_first((power, moments, means)))
+    of_blades = on_last_axis(lanes_first((power, moments, means)))
     return Flow(
         state=as_users_have(State(model.blades.shroud(end.motion), end.u_s, end.mode, end.case), model),
         power=of_blades[0],

@@ -19,7 +19,7 @@ from jaxshroud.batch.lanes import (
     residual_of_energy,
     stored_energies,
 )
-from jaxshroud.batch.states import stacked
+from jaxshroud.batch.states import on_last_axis
 from jaxshroud.batch.xla import compiled, has_several_kernels, repeated_while
 from jaxshroud.march.accumulator import Log, mean_position
 from jaxshroud.march.carry import EachLane, Fixed, Lane, TimeGrid, running, time_grid
@@ -107,7 +107,7 @@ def sample_of_users(sample: Sample) -> Sample:
         return None if a is None else a.sum(axis=-1)
 
     in_all = is_unrolled(sample.power)
-    arrays = stacked(jax.tree.map(np.asarray, sample))
+    arrays = on_last_axis(jax.tree.map(np.asarray, sample))
     if in_all:
         return arrays
     return arrays._replace(work=total(arrays.work), gross=total(arrays.gross), viscous=total(arrays.viscous))

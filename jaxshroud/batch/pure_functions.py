@@ -21,7 +21,7 @@ from jaxshroud.batch.differentiable_samples import (
 from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.lanes import carried_states, forces_of_users, lane_models, lanes_at_start, lanes_first
 from jaxshroud.batch.periods import Clock, period_function
-from jaxshroud.batch.states import stacked
+from jaxshroud.batch.states import on_last_axis
 from jaxshroud.batch.stopped import Admitted, lost_tangents, nan_where
 from jaxshroud.batch.xla import best_mapping, one_lane, vmapped
 from jaxshroud.march.accumulator import EventMargins
@@ -134,7 +134,7 @@ def _lane_outcomes(scenes: Scene, states: State, plan: SweepPlan) -> LaneOutcome
 
     def one(lanes: Any, _: Any) -> Any:
         lanes, sample = period(lanes, True)
-        return lanes, stacked(lanes_first((sample.motion, sample.power, sample.means)))
+        return lanes, on_last_axis(lanes_first((sample.motion, sample.power, sample.means)))
 
     begin = lanes_at_start(states, lane_models(scenes)[0], plan.method, each)
     last, (motion, power, means) = lax.scan(skip_samples(one, plan.transient), begin, jnp.arange(plan.kept))

@@ -85,7 +85,7 @@ def carried_state(state: State, model: Model) -> State:
     return State(motion, u_s, model.law.carried_mode(state.mode), state.case)
 
 
-def stacked(tree: Any) -> Any:
+def on_last_axis(tree: Any) -> Any:
     """A tree with the numbers along unrolled axes as arrays, whose last axis they are."""
 
     def along(a: Any) -> Any:
@@ -110,7 +110,7 @@ def with_zeros(state: State) -> State:
 def without_unrolled_axes(state: State) -> State:
     """The states of pairs in the form that users know, from that of compiled loops."""
     u_s, mode, case = at_only_interface((state.u_s, state.mode, state.case))
-    return State(stacked(state.motion), points_last(u_s), points_last(mode), case)
+    return State(on_last_axis(state.motion), points_last(u_s), points_last(mode), case)
 
 
 def motion_rows(motion: Motion) -> np.ndarray:
