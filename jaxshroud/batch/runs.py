@@ -276,6 +276,8 @@ def unfolded_trajectories(found: Trajectories, copies: int) -> Trajectories:
 def _unfolded_lanes(lanes: Any, copies: int) -> Any:
     """The lanes at the end of a march, as compiled loops carry them: blades and interfaces are their last axis."""
     tiled = _tiled(lanes, copies, -1)
+    if lanes.accumulator.jumps is None:
+        return tiled
     return eqx.tree_at(lambda lane: lane.accumulator.jumps.dropped, tiled, copies * lanes.accumulator.jumps.dropped)
 
 
