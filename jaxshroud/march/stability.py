@@ -26,7 +26,7 @@ from jaxshroud.model.linear_system import free_system, moving_coordinates
 from jaxshroud.model.prepared import prepared_law
 from jaxshroud.model.row import pair_at
 from jaxshroud.scene.checks import MAX_AUTO_STEPS, InputError, StepTooLongError, count_argument
-from jaxshroud.scene.layout import PAIR, require_capability
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 
@@ -65,13 +65,11 @@ def step_limits(method: Tableau | TaylorOptions) -> tuple[float, float]:
 def largest_frequency(scene: Scene) -> Scalar:
     """The largest natural circular frequency, or decay rate, with the contact and friction springs engaged [rad/s].
 
-    It is the larger one of both corner pairs, at the unloaded positions of the blades and in full stick.
-
-    Raises:
-        InputError: The scene has a row of blades.
+    It is the larger one of both corner pairs, at the unloaded positions of the blades and in full stick. Of a row it is
+    the bound by which its steps are judged: that of the pairs at its interfaces, with twice the stiffness of contact.
     """
-    require_capability("`largest_frequency`", scene.layout)
-    return _frequencies(_stiffness_of(scene), jnp, jnp.linalg.eigvalsh)[0]
+    pairs = _bounding_pairs(jax.tree.map(lambda a: jnp.asarray(a)[None], scene))
+    return jnp.max(_frequencies(_batched_stiffness(pairs)[0], jnp, jnp.linalg.eigvalsh)[0])
 
 
 class _Stiffness(NamedTuple):

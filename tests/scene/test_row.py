@@ -388,7 +388,6 @@ def _verbs():
         "trade": lambda: js.trade(ring),
         "fit": lambda: js.fit(ring, {"t [s]": [0.0, 1e-3], "x_left [m]": [0.0, 1e-6]}, {"drive.omega": (500.0, 600.0)}),
         "method_for": lambda: js.method_for(ring.scene),
-        "largest_frequency": lambda: js.largest_frequency(ring.scene),
     }
 
 
@@ -406,6 +405,7 @@ KNOW_ROWS = {
         "period_map",
         "most_trials",
         "check_laws",
+        "largest_frequency",
         "lyapunov",
     ),
     *("value_of", "vary", "scenes_from", "stack_scenes"),
@@ -425,3 +425,12 @@ def test_every_public_function_of_scenes_knows_rows_or_refuses_them():
 def test_verbs_that_know_no_rows_refuse_them_by_name(verb):
     with pytest.raises(InputError, match=re.escape(LIMITED[f"`{verb}`"].refusal())):
         _verbs()[verb]()
+
+
+def test_the_largest_frequency_of_a_row_is_a_bound():
+    # Of rows of the pair's blades: at most that of contact twice as stiff, by which a blade between two others is held.
+    pair = js.largest_frequency(load("table1").scene)
+    rows = [["row.blades=2", "row.closed=false"], ["row.blades=6", "row.closed=true"]]
+    for row in rows:
+        bound = js.largest_frequency(load("table1", [*row, "drive.phase=0"]).scene)
+        assert pair < bound <= np.sqrt(2) * pair
