@@ -4,6 +4,7 @@ Outside, arrays have the axis of lanes first, as everywhere; inside compiled fun
 `model.row`. The numbers of a pair are those of a row of two, unrolled: each is an array of lanes by itself.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -25,6 +26,7 @@ from jaxshroud.march.forces_and_energy import (
 )
 from jaxshroud.march.method import Choices
 from jaxshroud.march.row_guards import row_contact_forces
+from jaxshroud.march.row_step import whole
 from jaxshroud.march.stepper import stepper_for
 from jaxshroud.model.arithmetic import ZERO, any_along, filled, is_unrolled, is_zero, sincos_turns, total, where
 from jaxshroud.model.geometry import Kinematics
@@ -145,10 +147,10 @@ def sampled(
     state: State, status: Int[Array, " lanes"], turns: Any, model: RowModel, each: EachLane, forces: bool
 ) -> Sampled:
     """A sample of lanes, lanes last, at phases of the drive [turns]; NaN where the status is not OK."""
-    u_s = over(each, slider_position, pair_states(state, model), model.interfaces)
-    real = with_zeros(State(model.blades.shroud(state.motion), u_s, state.mode, state.case))
-    found = as_users_have(real, model)
-    of_contact = forces_of_users(state, turns, model, each) if forces else None
+    u_s, of_contact = whole(each, partial(_contact_now, forces=forces), state, turns, model)
+    found = as_users_have(State(model.blades.shroud(state.motion), u_s, state.mode, state.case), model)
+    if forces:
+        of_contact = as_arrays_of_users(of_contact, model)
     lost = status != Status.OK
 
     def kept(a: Any) -> Any:
@@ -158,9 +160,14 @@ def sampled(
     return Sampled(State(motion, u_s, found.mode, found.case), of_contact)
 
 
-def forces_of_users(state: State, turns: Any, model: RowModel, each: EachLane) -> ContactForces:
-    """The forces of contact, lanes first."""
-    forces = row_contact_forces(state, each(sincos_turns, turns), model, each)
+def _contact_now(state: State, turns: Any, model: RowModel, each: EachLane, forces: bool) -> tuple[Any, Any]:
+    """The sliders, and the forces of contact if they are requested, lanes last."""
+    u_s = over(each, slider_position, pair_states(state, model), model.interfaces)
+    return u_s, row_contact_forces(state, each(sincos_turns, turns), model, each) if forces else None
+
+
+def as_arrays_of_users(forces: ContactForces, model: RowModel) -> ContactForces:
+    """The forces of contact, lanes last, as users have them, lanes first."""
     axis = -2
     if model.is_pair:
         forces = at_only_interface(forces)

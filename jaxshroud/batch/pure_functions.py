@@ -19,14 +19,15 @@ from jaxshroud.batch.differentiable_samples import (
     skip_samples,
 )
 from jaxshroud.batch.flows import as_differentiable
-from jaxshroud.batch.lanes import carried_states, forces_of_users, lane_models, lanes_at_start, lanes_first
+from jaxshroud.batch.lanes import as_arrays_of_users, carried_states, lane_models, lanes_at_start, lanes_first
 from jaxshroud.batch.periods import Clock, period_function
 from jaxshroud.batch.states import on_last_axis
 from jaxshroud.batch.stopped import Admitted, lost_tangents, nan_where
 from jaxshroud.batch.xla import best_mapping, one_lane, vmapped
 from jaxshroud.march.accumulator import EventMargins
 from jaxshroud.march.method import Choices
-from jaxshroud.model.arithmetic import Scalar
+from jaxshroud.march.row_guards import row_contact_forces
+from jaxshroud.model.arithmetic import Scalar, sincos_turns
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.scene.checks import InputError
@@ -65,7 +66,8 @@ def sampled_moments(begin: Admitted, schedule: Schedule) -> SampledMoments:
 
     def at(t, turns, state, stopped):
         lanes = carried_states(one_lane(state), model)
-        forces = forces_of_users(lanes, one_lane(turns), model, vmapped)
+        wave = vmapped(sincos_turns, one_lane(turns))
+        forces = as_arrays_of_users(row_contact_forces(lanes, wave, model, vmapped), model)
         of_contact = jax.tree.map(lambda a: a[0], (forces.N, forces.F, forces.v, forces.u))
         # of the motion in any mode, so that the NaN of a stopped lane reaches all numbers in reverse mode
         N, F, v, u = jax.tree.map(lambda a: jnp.where(stopped, state.motion.x[0], a), of_contact)

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxshroud.batch.lanes import Sampled, lane_models, lanes_first, lanes_last, sampled
 from jaxshroud.batch.limits import CallPace
-from jaxshroud.batch.periods import CallLimits, Clock, Interim, first_passes, march, select_tree
+from jaxshroud.batch.periods import CallLimits, Clock, Interim, first_passes, march
 from jaxshroud.batch.states import events_at_start, next_at_start
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.carry import EachLane, Fixed, Lane, TimeGrid, running
@@ -30,7 +30,7 @@ from jaxshroud.model.row import over, pair_states
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
 
-SAMPLES_PER_BLOCK = 256  # samples per call
+SAMPLES_PER_BLOCK = 1024  # samples per call
 MAX_UNKEPT = 1 << 19  # samples of all lanes that are held at once, where only some of them are kept
 EVENT_TRIALS_PER_CALL = 1024
 
@@ -184,8 +184,9 @@ def _block_of_samples(
         lanes, passes = march(lanes, Fixed(model, grids, jnp.where(on, stops, 0)), method, each, passes=passes)
         over = on & ~jnp.any(running(lanes, stops))
         sample = sampled(lanes.state, lanes.status, turns_of(lanes, grids), model, each, forces)
-        ended = eqx.tree_at(lambda lane: lane.step, lanes, lanes.step % clock.steps)
-        return (Interim(select_tree(over, ended, lanes), stops, (on | inside) & ~over), passes), (sample, over)
+        step = jnp.where(over, lanes.step % clock.steps, lanes.step)
+        lanes = eqx.tree_at(lambda lane: lane.step, lanes, step)
+        return (Interim(lanes, stops, (on | inside) & ~over), passes), (sample, over)
 
     first = begin._replace(lanes=lanes_last(begin.lanes)), limits.passes
     (end, _), (samples, over) = lax.scan(one, first, jnp.arange(SAMPLES_PER_BLOCK, dtype=jnp.int32))

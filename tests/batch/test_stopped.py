@@ -48,7 +48,7 @@ def rolled(scenes, method=RK, most=None, save=lambda at: (at.N / 100, at.state.m
 def mapped(scenes):
     run = lambda scene: js.period_map(scene, initial_state(scene.initial), method=RK, most_trials=400)
     out = jax.vmap(run)(scenes)
-    return out, (out.state.motion.x / 1e-4, jnp.stack(out.power, -1) / 1e-8)
+    return out, (out.state.motion.x / 1e-4, out.power / 1e-8)
 
 
 def swept(scenes):
@@ -95,7 +95,7 @@ def check_masks(run, scene, lanes, statuses):
 @pytest.mark.full
 @pytest.mark.parametrize("run", [rolled, mapped, swept], ids=["rollout", "period_map", "sweep_function"])
 def test_a_masked_lane_leaves_the_derivatives_of_the_others_alone(run):
-    statuses = [Status.OK, Status.BAD_INPUT, Status.NOT_FINITE, Status.BAD_INPUT]
+    statuses = [Status.OK, Status.BAD_INPUT, Status.BAD_INPUT, Status.BAD_INPUT]
     check_masks(run, scene_of('["x"]'), [GOOD, NEGATIVE, HUGE, UNSTABLE], statuses)
 
 
@@ -129,7 +129,7 @@ def test_stability_is_that_of_the_method_and_series_need_none():
 @pytest.mark.full
 def test_a_lane_without_further_trials_is_masked_as_well():
     # It begins well: samples before it stopped count where those that are NaN are masked.
-    run = partial(rolled, most=165)  # GOOD takes 160, refinements of events included, FEEBLE 175
+    run = partial(rolled, most=147)  # GOOD takes 141, FEEBLE 153
     check_masks(run, scene_of('["x"]'), [GOOD, FEEBLE], [Status.OK, Status.OUT_OF_TRIALS])
 
 

@@ -136,12 +136,13 @@ def test_jacobian_by_series(motion):
 @pytest.mark.release
 @pytest.mark.full
 def test_naive_tangents_by_series_are_wrong(monkeypatch):
-    # Control: events whose instants have no derivative.
+    # Control: events whose instants have no derivative. They count where the sliding begins or ends within the period;
+    # at an onset forces are continuous, so that its instant does not matter.
     monkeypatch.setattr(taylor_trial, "at_event", lambda quantity, *_: quantity)
     scene, method = scene_at(5.5), Choices(TaylorOptions(11, 1e-12), "series")  # another order: compiled anew
     states = states_of(scene, 24)
     along = np.random.default_rng(3).standard_normal((24, PAIR.state_size)) * sizes_of(states)
-    assert np.median(error_of(scene, states, along, method=method)) > 0.01
+    assert np.mean(error_of(scene, states, along, method=method) > 1e-3) > 0.5
 
 
 @pytest.fixture
