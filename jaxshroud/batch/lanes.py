@@ -52,13 +52,17 @@ from jaxshroud.scene.typed import Tree
 
 
 def lanes_last(tree: Tree) -> Tree:
-    """A tree of arrays (lanes, ...) with the lanes last."""
-    return jax.tree.map(lambda a: jnp.moveaxis(a, 0, -1), tree)
+    """A tree of arrays (lanes, ...) with the lanes last; those along unrolled axes have no other axis."""
+    return _moved(tree, 0, -1)
 
 
 def lanes_first(tree: Tree) -> Tree:
-    """A tree of arrays (..., lanes) with the lanes first."""
-    return jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), tree)
+    """The inverse of `lanes_last`."""
+    return _moved(tree, -1, 0)
+
+
+def _moved(tree: Tree, source: int, to: int) -> Tree:
+    return jax.tree.map(lambda a: a if is_unrolled(a) else jnp.moveaxis(a, source, to), tree, is_leaf=is_unrolled)
 
 
 def lane_models(scenes: Scene) -> tuple[RowModel, Float[Array, " lanes"]]:

@@ -34,8 +34,8 @@ def with_contact_law(scene: Scene, law: SceneLaw) -> Scene:
             are those of each interface.
 
     Raises:
-        InputError: The scene keeps misprints of the article, its faces have several points, or it is a row and the law
-            has an internal state of several numbers.
+        InputError: The scene keeps misprints of the article, its faces have several points, or it is a row and a number
+            of the law, or its internal state, is an array.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
@@ -48,9 +48,10 @@ def with_contact_law(scene: Scene, law: SceneLaw) -> Scene:
     c = scene.contact
     if c.points is not None:
         raise InputError("Own laws of contact do not know contact points yet; drop `contact.points`.")
-    if scene.row is not None and jnp.ndim(getattr(law, "z", 0.0)):
-        raise InputError("The internal state z of a law must be one number in rows of blades.")
     numbers = jax.tree.map(lambda a: a if callable(a) else jnp.asarray(a, float), law, is_leaf=callable)
+    arrays = [a for a in jax.tree.leaves(numbers) if jnp.ndim(a) > jnp.ndim(scene.drive.omega)]
+    if scene.row is not None and arrays:
+        raise InputError("The numbers of a law, and its internal state z, must not be arrays in rows of blades.")
     contact = Contact(c.k, c.gamma, c.reading)
     return _with_contact(scene, contact, scene.parts._replace(contact="own"), numbers)
 

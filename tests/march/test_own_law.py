@@ -213,9 +213,9 @@ def test_functions_of_friction_balance(layout):
     assert abs(run.energy_residual) < 1e-6
 
 
-def test_a_state_of_several_numbers_is_refused_in_rows():
+def test_laws_with_arrays_are_refused_in_rows():
     laws = js.Laws(Straight(1e6), lambda z, u_t, N: (0.0 * z[0], 0.0 * z, 0.0 * z[0]), np.zeros(2))
-    with pytest.raises(js.InputError, match="must be one number in rows"):
+    with pytest.raises(js.InputError, match="must not be arrays in rows"):
         js.with_contact_law(scene_of("row of three"), laws)
 
 
