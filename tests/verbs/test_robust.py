@@ -169,7 +169,7 @@ def test_a_robust_tuning_comes_back_from_its_file(robust, tmp_path):
     assert str(back.robust) == str(robust.robust)
     again, was = (judge_designs(problem_from_result(one), robust.best[None], quiet).P_d for one in (back, robust))
     np.testing.assert_array_equal(again, was)
-    assert len(back.plot().axes) == 2 + 2 + 1  # paths and scores, two numbers, and the scatter
+    assert len(back.plot().axes) == 1 + 2 + 1  # the values of the tuned number, two numbers, and the scatter
     assert robust.conditions == {"drive.F_0": [40.0, 60.0]}
 
 
