@@ -347,7 +347,7 @@ def test_a_long_march_is_projected_and_kept_in_a_store(direction, tmp_path, monk
     how = ["--tableau", "rk4", "--steps-per-period", "200", "--periods", "4", "--transient", "2"]
     words = ["mistune", "row_ring12", *row, *ends, *how, "--direction", direction, "--out", str(tmp_path / "out")]
     assert cli.main(words) == 0
-    (told,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("10 lanes: about ")]
+    (told,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("10 runs: about ")]
     assert "mistune.zarr" in told
     assert (tmp_path / "out" / "mistune.zarr").is_dir()
     assert cli.main(words) == 2

@@ -447,7 +447,7 @@ def test_a_long_run_in_a_direction_says_so_too(words, capsys, monkeypatch, direc
     monkeypatch.setattr(projection, "LONG_RUN_STEPS", 0)
     lanes = 20 * (3 if direction == "both" else 1)
     assert cli.main([*words, "--num", "20", "--direction", direction]) == 0
-    assert any(line.startswith(f"{lanes} lanes: about ") for line in capsys.readouterr().err.splitlines())
+    assert any(line.startswith(f"{lanes} runs: about ") for line in capsys.readouterr().err.splitlines())
 
 
 def foreign(path, kind):

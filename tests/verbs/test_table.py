@@ -169,7 +169,7 @@ def test_the_command_writes_a_ranked_table_and_keeps_cells_as_they_were(tmp_path
     monkeypatch.setattr(command, "LONG_TABLE_STEPS", 0)
     assert cli.main(["table", "d.csv", *words, "--steps-per-period", "100", "--out", "r.csv"]) == 0, capsys.readouterr()
     printed = capsys.readouterr()
-    assert "2 lanes: some" in printed.err
+    assert "2 runs: about" in printed.err
     assert "ranked by P_d, the largest first" in printed.out
     read = pd.read_csv("r.csv", dtype=str)
     assert sorted(read["part no"]) == ["007", "008", "009"]
