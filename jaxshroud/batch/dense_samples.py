@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +11,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Int
 
 from jaxshroud.batch.lanes import Sampled, lane_models, sampled
-from jaxshroud.batch.periods import Clock
+from jaxshroud.batch.periods import Clock, with_clock_reset
 from jaxshroud.batch.sampling import (
     EventStates,
     SampledMarch,
@@ -208,7 +207,7 @@ def _dense_trials(
             after=sampled(ahead.state, ahead.status, turns_of(ahead, grids), model, each, forces) if events else None,
             fired=event_fired(lanes, ahead),
         )
-        ahead = eqx.tree_at(lambda lanes: lanes.step, ahead, jnp.where(ahead.step == clock.steps, 0, ahead.step))
+        ahead = with_clock_reset(ahead, ahead.step == clock.steps)
         return (ahead, left - trials.whole), trials
 
     return _scan_in_columns(one, (lanes, left), DENSE_TRIALS_PER_CALL)

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxshroud.batch.lanes import Sampled, lane_models, lanes_first, lanes_last, sampled
 from jaxshroud.batch.limits import CallPace
-from jaxshroud.batch.periods import CallLimits, Clock, Interim, first_passes, march
+from jaxshroud.batch.periods import CallLimits, Clock, Interim, first_passes, march, with_clock_reset
 from jaxshroud.batch.states import events_at_start, next_at_start
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.carry import EachLane, Fixed, Lane, TimeGrid, running
@@ -286,8 +286,7 @@ def _event_trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choice
             event_fired(before, ahead),
             _step_ended(before, ahead),
         )
-        around = jnp.where(ahead.step == clock.steps, 0, ahead.step)
-        ahead = eqx.tree_at(lambda lanes: lanes.step, ahead, around)
+        ahead = with_clock_reset(ahead, ahead.step == clock.steps)
         return (ahead, left - trials.arrived[0].astype(left.dtype)), trials
 
     (lanes, left), trials = lax.scan(one, (lanes_last(lanes), left), None, length=EVENT_TRIALS_PER_CALL)
