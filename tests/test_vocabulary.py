@@ -1,9 +1,7 @@
 """The field's words: what the project once called by names of its own is not called so again."""
 
 import ast
-import io
 import re
-import tokenize
 from pathlib import Path
 
 import pytest
@@ -90,7 +88,8 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *s
 
 def found_in(text: str) -> dict[str, list[str]]:
     """What is in a text that is not said, and what is said instead."""
-    words = {instead: re.findall(rf".*?{pattern}.*", text) for pattern, instead in NOT_SAID.items()}
+    wrong = [line for line in text.splitlines() if re.search("|".join(NOT_SAID), line)]
+    words = {instead: [line for line in wrong if re.search(pattern, line)] for pattern, instead in NOT_SAID.items()}
     return {instead: lines for instead, lines in words.items() if lines}
 
 
@@ -116,6 +115,5 @@ def test_docstrings_and_comments_are_in_plain_english():
         source = path.read_text("utf-8")
         holders = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
         nodes = [node for node in ast.walk(ast.parse(source)) if isinstance(node, holders)]
-        tokens = tokenize.generate_tokens(io.StringIO(source).readline)
-        comments = [token.string for token in tokens if token.type == tokenize.COMMENT]
+        comments = re.findall("#.*", source)
         assert not found_in("\n".join([*filter(None, map(ast.get_docstring, nodes)), *comments])), path

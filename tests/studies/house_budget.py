@@ -53,20 +53,14 @@ def room_of(path: Path) -> str:
 
 
 @cache
-def parsed(source: str) -> ast.Module:
-    """The tree of a source, made once."""
-    return ast.parse(source)
-
-
-@cache
 def nodes_of(tree: ast.Module) -> list[ast.AST]:
-    """All nodes of a tree, listed once."""
+    """All nodes of a tree of the package, listed once."""
     return [*ast.walk(tree)]
 
 
 def worth_their_tokens(tree: ast.Module) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
     """Where annotations and the names of keyword arguments stand: (line, column) of the first and behind the last."""
-    for node in nodes_of(tree):
+    for node in ast.walk(tree):
         for name in ("annotation", "returns"):
             noted = getattr(node, name, None)
             if isinstance(noted, ast.expr):
@@ -83,7 +77,7 @@ def _place(node: ast.expr) -> tuple[tuple[int, int], tuple[int, int]]:
 
 def counted_tokens(source: str) -> int:
     """The tokens of a source without what is worth them."""
-    spared = list(worth_their_tokens(parsed(source)))
+    spared = list(worth_their_tokens(ast.parse(source)))
     by_line: dict[int, list[tuple[tuple[int, int], tuple[int, int]]]] = {}
     for first, behind in spared:
         for line in range(first[0], behind[0] + 1):
@@ -153,7 +147,7 @@ def counts(root: Path = ROOT) -> dict[str, int]:
     tokens: Counter[str] = Counter()
     for path, source in (package | tests).items():
         tokens[room_of(path.relative_to(root))] += counted_tokens(source)
-    trees = {path: parsed(source) for path, source in package.items()}
+    trees = {path: ast.parse(source) for path, source in package.items()}
     unlike: Counter[str] = Counter()
     for path, tree in trees.items():
         unlike[room_of(path.relative_to(root))] += sum(map(is_unlike, nodes_of(tree)))
