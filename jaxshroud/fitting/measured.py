@@ -74,8 +74,8 @@ def predicted_history(
 
 
 def _predicted(values: np.ndarray, slopes: np.ndarray, data: Measurements, keys: int) -> Predicted:
-    """Values and slopes (points * keys, n, 6) by points and channels."""
-    columns = [channel.column for channel in data.channels]
+    """Values and slopes (points * keys, n, 3 blades) by points and channels."""
+    columns = [channel.column(values.shape[-1] // 3) for channel in data.channels]
 
     def by_point(a):
         return a[..., columns].reshape(-1, keys, *a.shape[1:-1], len(columns))
@@ -86,7 +86,7 @@ def _predicted(values: np.ndarray, slopes: np.ndarray, data: Measurements, keys:
 def _at_times(
     motions: SampledMotions, omega: np.ndarray, omega_by: np.ndarray, t: np.ndarray, schedule: Schedule
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The displacements of lanes at times (n,), and their derivatives: (lanes, n, 6) each."""
+    """The displacements of lanes at times (n,), and their derivatives: (lanes, n, 3 blades) each."""
     per_period = schedule.steps / schedule.every
     turns = t * omega[:, None] / math.tau * per_period
     before = np.clip(np.floor(turns), 0, motions.place.shape[1] - 2).astype(int)
@@ -150,16 +150,17 @@ def orbit_amplitudes_by(
     for i, orbit in enumerate(orbits):
         if orbit is not None and orbit.sound:
             alike[orbit.q].append((i, orbit))
-    places = [MEASURES.index(channel.measure) for channel in channels], [channel.column for channel in channels]
+    measures = [MEASURES.index(channel.measure) for channel in channels]
     for group in alike.values():
         numbers, sound = (list(part) for part in zip(*group, strict=True))
+        places = measures, [channel.column(sound[0].scene.layout.blades) for channel in channels]
         of_all, by_all = _amplitudes_of_alike(sound, keys)
         values[numbers], slopes[numbers] = of_all[:, *places], np.moveaxis(by_all[:, :, *places], 1, -1)
     return values, slopes
 
 
 def _amplitudes_of_alike(orbits: Sequence[PeriodicOrbit], keys: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-    """Amplitudes (orbits, measures, 6) and derivatives (orbits, keys, measures, 6) of orbits of one period number."""
+    """Amplitudes (orbits, measures, 3 blades) of orbits of one period number, and derivatives (orbits, keys, ...)."""
     first = orbits[0]
     steps = first.steps_per_period
     schedule = Schedule(first.q * steps, 1, steps, as_differentiable(first.method))
@@ -175,7 +176,7 @@ def _amplitudes_of_alike(orbits: Sequence[PeriodicOrbit], keys: Sequence[str]) -
 
 
 def _moved_along(orbit: PeriodicOrbit, motions: SampledMotions) -> tuple[np.ndarray, ...]:
-    """The samples of an orbit (place and rate), and their derivatives (keys, samples, 6) where it stays closed."""
+    """The samples of an orbit (place and rate), and derivatives (keys, samples, 3 blades) where it stays closed."""
     size = orbit.scene.state_size
     by_start, by_number = np.split(motions.end_by, [size])
     shift = moved_start(by_start.T, by_number.T, orbit.slider_is_free)
@@ -203,7 +204,7 @@ def _amplitudes_and_slopes(place, rate, place_by, rate_by, interval):
 
 
 def _amplitudes(q, rate, h):
-    """RMS and peak about the mean, (measures, 6), of one orbit (leading axis)."""
+    """RMS and peak about the mean, (measures, 3 blades), of one orbit (leading axis)."""
     mean = cubic_mean(q, rate, h)
     square = cubic_mean((q - mean) ** 2, 2 * (q - mean) * rate, h)
     rms = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)  # what stands still has no slope

@@ -14,7 +14,7 @@ import numpy as np
 from jaxshroud.scene.checks import InputError, hint
 from jaxshroud.scene.csv_text import csv_rows, read_csv_text
 from jaxshroud.scene.keys import KEYS
-from jaxshroud.scene.measurements import BLADES, MEASURES, Channel, Measurements
+from jaxshroud.scene.measurements import BLADES, MEASURES, Channel, Measurements, channel_named
 from jaxshroud.scene.quantities import DISPLACEMENTS
 from jaxshroud.scene.units import is_speed_of_rotation, to_si
 
@@ -23,19 +23,10 @@ LARGEST = 1e30  # number that is taken for measured
 LEAST_NOISE = 1e-12  # over the largest value of a channel: that of rounding
 SIGMA = "_sigma"  # after the name of a channel
 AXIS_UNITS = {"t": "s", "omega": "rad/s", "f": "Hz", "speed": "rad/s", "engine_order": ""}
-HISTORY = {Channel(place, blade).name: Channel(place, blade) for place in DISPLACEMENTS for blade in (0, 1)}
-RESPONSE = {
-    channel.name: channel
-    for place, measure, blade in product(DISPLACEMENTS, MEASURES, range(len(BLADES)))
-    for channel in [Channel(place, blade, measure)]
-}
+EXAMPLES = [Channel(*parts).name for parts in product(DISPLACEMENTS, BLADES, ("", *MEASURES))]  # to hint at
 UNIT_EXAMPLES = {"m": "mm", "rad": "deg"}  # of an SI unit
-CHANNELS = HISTORY | RESPONSE
 RUN_TIME = "time [s]"  # the head by which a run that `convert` has written is known
-RUN_HEADS = {RUN_TIME: "t [s]"} | {
-    f"{one.place}[{one.blade}] [{(unit := KEYS[f'initial.{one.place}'].unit)}]": f"{name} [{unit}]"
-    for name, one in HISTORY.items()
-}
+RUN_HEAD = re.compile(rf"({'|'.join(DISPLACEMENTS)})\[(\d+)\] (\[\w+\])")
 
 
 Columns = Mapping[str, np.ndarray]  # in SI units, by name
@@ -85,10 +76,13 @@ def _history_of_run(headers: list[str], table: list[tuple]) -> tuple[list[str], 
     """The columns of a run that are those of a time history, with the heads that these have."""
 
     def moves(j):
-        return headers[j] == RUN_TIME or any(row[j + 1] not in ("0", "0.0", "-0.0") for row in table)
+        return any(row[j + 1] not in ("0", "0.0", "-0.0") for row in table)
 
-    kept = [j for j, head in enumerate(headers) if head in RUN_HEADS and moves(j)]
-    return [RUN_HEADS[headers[j]] for j in kept], [(row[0], *(row[j + 1] for j in kept)) for row in table]
+    found = {j: match for j, head in enumerate(headers) if (match := RUN_HEAD.fullmatch(head))}
+    labels = BLADES if max(int(match[2]) for match in found.values()) < len(BLADES) else range(1, 1000)
+    names = {j: f"{match[1]}_{labels[int(match[2])]} {match[3]}" for j, match in found.items() if moves(j)}
+    names = {headers.index(RUN_TIME): "t [s]"} | names
+    return list(names.values()), [(row[0], *(row[j + 1] for j in names)) for row in table]
 
 
 def _number(cell: str, line: int, header: str, path: str | os.PathLike[str]) -> float:
@@ -109,7 +103,8 @@ def measurements_from(table: Mapping[str, Any], where: str = "the measurements")
     Args:
         table: Columns by headers `name [unit]`: `t` for a time history, or `omega`, `f`, or `speed` and `engine_order`
             for a frequency response; and channels, `x_left`, `theta_right`, ... of a history, `x_rms_left`,
-            `x_peak_right`, ... of a response, each with an optional column of its noise, `x_left_sigma`.
+            `x_peak_right`, ... of a response, each with an optional column of its noise, `x_left_sigma`. The blades of
+            a row have their numbers, from 1: `x_1`, `x_rms_12`.
         where: The place that messages name first.
 
     Raises:
@@ -130,7 +125,7 @@ def _measurements(table: Mapping[str, Any], where: str, rows: Sequence[str] | No
         raise InputError(f"{where}: the columns differ in length")
     is_history = _is_history(columns, where)
     at = columns["t"] if is_history else _drive_frequencies(columns, where)
-    channels = [CHANNELS[name] for name in columns if name in CHANNELS]
+    channels = [channel for name in columns if (channel := channel_named(name))]
     _check_channels(channels, is_history, columns, where)
     _check_axis(at, is_history, where, rows)
     for channel in channels:
@@ -145,11 +140,10 @@ def _name_and_unit(header: str, where: str) -> tuple[str, str, str]:
     """The name of a column, its unit, and the SI unit that belongs to the name."""
     match = HEADER.fullmatch(header)
     name = match["name"] if match else header.strip()
-    stem = name.removesuffix(SIGMA) if name.removesuffix(SIGMA) in CHANNELS else name
-    known = AXIS_UNITS | {channel: KEYS[f"initial.{CHANNELS[channel].place}"].unit for channel in CHANNELS}
-    if match is None or stem not in known:
-        raise InputError(f"{where}: column {header.strip()!r} is unknown{hint(name, list(known))}")
-    unit = known[stem]
+    channel = channel_named(name.removesuffix(SIGMA))
+    if match is None or (channel is None and name not in AXIS_UNITS):
+        raise InputError(f"{where}: column {header.strip()!r} is unknown{hint(name, [*AXIS_UNITS, *EXAMPLES])}")
+    unit = AXIS_UNITS[name] if channel is None else KEYS[f"initial.{channel.place}"].unit
     if match["unit"] is None and unit:
         raise InputError(f"{where}: column {name} has no unit; write e.g. `{name} [{UNIT_EXAMPLES.get(unit, unit)}]`")
     return name, "" if match["unit"] in (None, "1", "-") else match["unit"], unit
@@ -204,10 +198,15 @@ def _drive_frequencies(columns: Columns, where: str) -> np.ndarray:
 
 
 def _check_channels(channels: list[Channel], is_history: bool, columns: Columns, where: str) -> None:
-    own, kind = (HISTORY, "time history") if is_history else (RESPONSE, "frequency response")
+    kind = "time history" if is_history else "frequency response"
     example = "x_left [mm]" if is_history else "x_rms_left [mm]"
-    if wrong := [channel.name for channel in channels if channel.name not in own]:
+    if wrong := [channel.name for channel in channels if (channel.measure == "") != is_history]:
         raise InputError(f"{where}: {wrong[0]} is no channel of a {kind}; give e.g. `{example}`")
+    blades = [channel._replace(label=str(channel.blade)) for channel in channels]
+    if len({*blades}) < len(blades):
+        twice = next(i for i, one in enumerate(blades) if one in blades[:i])
+        first = channels[blades.index(blades[twice])]
+        raise InputError(f"{where}: {channels[twice].name} is {first.name} by another name; give one of them")
     if not channels:
         raise InputError(f"{where}: measures nothing; give a column such as `{example}`")
     if lone := [name for name in columns if name.endswith(SIGMA) and name.removesuffix(SIGMA) not in columns]:

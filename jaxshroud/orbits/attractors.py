@@ -40,7 +40,7 @@ class Attractor(NamedTuple):
     kind: str  # "periodic", "family", "aperiodic"
     q: int  # period number; 0: aperiodic
     lanes: np.ndarray  # the lanes that end on it
-    points: FloatArray  # (n, 12) of its orbit at the strobe, in `FoundAttractors.units`
+    points: FloatArray  # (n, 6 blades) of its orbit at the strobe, in `FoundAttractors.units`
     cycle: PeriodicOrbit | None  # None unless it is periodic
     state: State  # a state on it at drive phase 0
 
@@ -51,15 +51,15 @@ class FoundAttractors(NamedTuple):
     attractors: list[Attractor]
     label: np.ndarray  # index of the attractor of each lane; -1: undecided, -2: stopped
     ended: LaneEnds
-    units: np.ndarray  # (12,) sizes of displacements and rates
-    gap: float  # of the scene [m]
+    units: np.ndarray  # (6 blades,) sizes of displacements and rates
+    gap: float  # of the scene, of a row the largest [m]
 
 
 def attractors_of(scene: Scene, states: State, max_periods: int, aim: ShootingOptions, ticker: Tick) -> FoundAttractors:
     """The attractors on which lanes of a scene end from their states (leading axis)."""
     end = run_until_settled(scene, states, max_periods, aim.steps, aim.method, ticker)
     is_ok = end.status == Status.OK
-    units = _motion_scales(scene, end.sizes[is_ok] if is_ok.any() else np.ones((1, 6)))
+    units = _motion_scales(scene, end.sizes[is_ok] if is_ok.any() else np.ones_like(end.sizes[:1]))
     end, aperiodic = _aperiodic_attractors(scene, end, units, aim, ticker)
     label = np.where(end.status == Status.OK, -1, -2)
     periodic, label = _periodic_attractors(scene, end, label, units, aim)
@@ -69,21 +69,25 @@ def attractors_of(scene: Scene, states: State, max_periods: int, aim: ShootingOp
     attractors = [*periodic, *aperiodic]
     order = sorted(range(len(attractors)), key=lambda i: _place_in_order(attractors[i], end))
     rank = np.append(np.argsort(order), [-2, -1])  # so that -1 and -2 stay
-    return FoundAttractors([attractors[i] for i in order], rank[label], end, units, float(scene.running_shroud.gap))
+    return FoundAttractors(
+        [attractors[i] for i in order], rank[label], end, units, float(np.max(scene.running_shroud.gap))
+    )
 
 
-def _place_in_order(attractor: Attractor, end: LaneEnds) -> tuple[float, str, float]:
+def _place_in_order(attractor: Attractor, end: LaneEnds) -> tuple[float, str, float, float]:
     """What attractors are sorted by, properties of the motion whatever the starts: period, kind, P_d from the largest.
 
+    Copies of a motion in a ring, whose P_d differ by rounding, follow the largest x of the first blade at the strobe.
     Aperiodic motions, whose P_d is known to the accuracy of an average only, come last.
     """
     P_d = np.mean(end.P_d[attractor.lanes]) if attractor.cycle is None else attractor.cycle.P_d
-    return attractor.q or np.inf, attractor.kind, -float(P_d)
+    return attractor.q or np.inf, attractor.kind, -round(float(P_d), 6), -float(attractor.points[:, 0].max())
 
 
 def _motion_scales(scene: Scene, sizes: np.ndarray) -> np.ndarray:
-    """The units of displacements and rates (12,): the largest displacements of all lanes, and these times omega."""
-    place = np.repeat(sizes.max(axis=0).reshape(3, 2).max(axis=1), 2)
+    """The units of displacements and rates (6 blades,): the largest displacements of all, and these times omega."""
+    blades = scene.layout.blades
+    place = np.repeat(sizes.max(axis=0).reshape(3, blades).max(axis=1), blades)
     place = np.where(place > 0, place, 1.0)
     return np.concatenate([place, place * float(scene.drive.omega)])
 
@@ -135,7 +139,7 @@ def _stable_orbit(scene: Scene, state: State, q: int, aim: ShootingOptions) -> A
 
 
 def _orbit_points(cycle: PeriodicOrbit, aim: ShootingOptions) -> np.ndarray:
-    """The orbit at the strobe, (q, 12)."""
+    """The orbit at the strobe, (q, 6 blades)."""
     plan = Plan(0, cycle.q, aim.steps, 0.0, aim.method)
     states = jax.tree.map(lambda a: np.asarray(a)[None], cycle.start)
     return motion_rows(run_lanes(repeat_lane(cycle.scene, 1), states, plan, lambda _: None).samples.motion)[0]
@@ -166,7 +170,7 @@ def _free_places(cycle: PeriodicOrbit, u_s: np.ndarray) -> np.ndarray:
 
 
 def _differs_by_slider(cycle: PeriodicOrbit, samples: FloatArray, u_s: np.ndarray, units: np.ndarray) -> bool:
-    """Whether samples (n, 12) are of an orbit that differs by the positions of free sliders only."""
+    """Whether samples (n, 6 blades) are of an orbit that differs by the positions of free sliders only."""
     assert cycle.jacobian is not None  # there is an orbit
     z = to_vector(cycle.start)
     shift = u_s - _free_places(cycle, cycle.start.u_s)
@@ -221,7 +225,7 @@ def _with_sliders(cycle: PeriodicOrbit, u_s: np.ndarray, aim: ShootingOptions) -
     for stride in range(1, SLIDER_MOVES + 1):
         z = to_vector(orbit.start)
         z[places] = begin + (u_s - begin) * stride / SLIDER_MOVES
-        state = from_vector(z, orbit.start.mode, orbit.start.case, points=cycle.scene.points)
+        state = from_vector(z, orbit.start.mode, orbit.start.case, cycle.scene.layout, cycle.scene.points)
         orbit = yield from closed_orbit(orbit.scene, state, cycle.q, aim)
         if "not converged" in orbit.flags or not orbit.slider_is_free:
             return None

@@ -56,10 +56,14 @@ def start_range(scene: Scene) -> Motion:
 def random_starts(scene: Scene, n: int, seed: int, spread: float) -> State:
     """States (n,) apart at drive phase 0, uniform within `spread` times the `start_range`.
 
-    States with overlapping blocks are drawn again, as they would begin with spurious elastic energy.
+    Those of a pair with overlapping blocks are drawn again, as they would begin with spurious elastic energy. Rows
+    start at rest, with random rates: the gaps of a ring add up to what they are, and displaced blades would overlap.
     """
     rng = np.random.default_rng(seed)
     ranges = start_range(scene)
+    if scene.row is not None:
+        rates = np.moveaxis(rng.uniform(-spread, spread, (n, 3, len(ranges.x))) * np.stack(ranges[3:]), 1, 0)
+        return states_apart(repeat_lane(scene, n), Motion._make([*np.zeros_like(rates), *rates]))
     starts = np.empty((0, 6, 2))
     draws = starts
     for _ in range(MAX_DRAWS):
@@ -71,17 +75,6 @@ def random_starts(scene: Scene, n: int, seed: int, spread: float) -> State:
     starts = np.concatenate([starts, draws])[:n]  # with interference nearly all overlap
     motions = Motion._make(jnp.asarray(a) for a in np.moveaxis(starts, 1, 0))
     return jax.vmap(partial(initial_state, points=scene.points))(motions)
-
-
-def random_row_starts(scene: Scene, n: int, seed: int, spread: float) -> State:
-    """States (n,) of a row at rest at drive phase 0, with rates that are uniform within `spread` times their range.
-
-    Displaced blades of a ring would overlap somewhere: the gaps of a ring add up to what they are.
-    """
-    rates = start_range(scene)[3:]
-    drawn = np.random.default_rng(seed).uniform(-spread, spread, (n, len(rates), len(rates[0]))) * np.stack(rates)
-    motion = Motion._make([*3 * [np.zeros_like(drawn[:, 0])], *np.moveaxis(drawn, 1, 0)])
-    return states_apart(repeat_lane(scene, n), motion)
 
 
 def _overlap(scene: Scene, motions: Motion):
@@ -112,8 +105,8 @@ class LaneEnds(NamedTuple):
     state: State
     status: np.ndarray
     number: np.ndarray  # period number, 0: aperiodic or not settled
-    samples: np.ndarray  # (lanes, KEPT_PERIODS, 12) at the strobe
-    sizes: np.ndarray  # (lanes, 6) largest magnitudes of displacements
+    samples: np.ndarray  # (lanes, KEPT_PERIODS, 6 blades) at the strobe
+    sizes: np.ndarray  # (lanes, 3 blades) largest magnitudes of displacements
     P_d: np.ndarray  # [%]
     ci: np.ndarray  # half width of its 95 % interval
     P_d_vibration: np.ndarray  # that of the vibration about the mean position alone; NaN where it was not integrated

@@ -238,7 +238,9 @@ class ParameterAxis(NamedTuple):
 def parameter_axis(coordinate: xr.DataArray, appearance: Appearance = DEFAULT_APPEARANCE) -> ParameterAxis:
     """The values of a number of the scene in the unit of pictures, with the label of their axis."""
     key = str(coordinate.attrs.get("key", coordinate.name))
-    label, factor = quantity(key, appearance, str(coordinate.attrs.get("units", "1")).removeprefix("1"))
+    words = str(coordinate.attrs.get("long_name", "")) if coordinate.name in coordinate.dims else ""
+    unit = str(coordinate.attrs.get("units", "1")).removeprefix("1")
+    label, factor = quantity(key, appearance, unit, words=words)
     values = coordinate.to_numpy().astype(float) * factor
     return ParameterAxis(values, _cell_edges(values), label)
 

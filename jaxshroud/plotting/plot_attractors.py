@@ -13,21 +13,16 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
-from jaxshroud.plotting.page import Page, Panel, legend_above, parameter_axis, scale_of, title_of
+from jaxshroud.plotting.page import LEAST_SPAN, Page, Panel, legend_above, parameter_axis, scale_of, title_of
 from jaxshroud.plotting.style import (
-    BLUE,
+    COLOURED_MARKS,
     COLOURS,
     COLUMN_WIDTH,
-    GREEN,
     GREY,
     INK,
-    ORANGE,
     PALE,
     PER_MICRO,
-    PINK,
     QUANTITIES,
-    RED,
-    SKY,
     STOPPED_STYLE,
     AnyFigure,
     Appearance,
@@ -44,7 +39,6 @@ POINT_STYLE: Properties = {"marker": "o", "ls": "", "mfc": "white", "mec": INK, 
 LETTER_STYLE: Properties = {"textcoords": "offset points", "ha": "center", "va": "center", "zorder": 4, "fontsize": 7}
 LETTER_STYLE |= {"path_effects": [withStroke(linewidth=2, foreground="white")]}
 LETTER_PLACES = ((6, 5), (-6, 5), (6, -5), (-6, -5), (0, 8), (0, -8))  # about the point of an attractor [pt]
-ATTRACTOR_STYLES = list(zip((BLUE, ORANGE, GREEN, PINK, RED, SKY), "osD^vP", strict=True))  # of a row's motions
 SHARE_LIMITS = -0.04, 1.04  # a mark at 0 or 1 is whole
 MOST_FREE = 2.0  # times the largest amplitude: larger ones without contact would hide the differences
 
@@ -127,7 +121,7 @@ def _share_rows(figure: AnyFigure, axes: Mapping[str, Axes], attractors: Attract
 
 
 def _draw_orbits(panel: Axes, attractors: AttractorsData) -> None:
-    """The path of the left blade, and its Poincaré point; earlier orbits are drawn wider, below later ones."""
+    """The path of the first blade, and its Poincaré point; earlier orbits are drawn wider, below later ones."""
     scale = scale_of(np.asarray(attractors.gap))
     count = len(attractors.share)
     for i in range(count):
@@ -167,7 +161,9 @@ def _draw_attractor_power(panel: Axes, attractors: AttractorsData) -> None:
         panel.plot([low, high], [i, i], **style)
         panel.plot([attractors.P_d[i]], [i], "o", ms=3, mfc=colour(i) if i != attractors.worst else "white", **style)
     panel.margins(x=0.15)
-    panel.set(xlabel="$P_d$ [%] (worst: hollow)")
+    low, high = panel.get_xlim()
+    middle, half = (low + high) / 2, max(high - low, LEAST_SPAN) / 2
+    panel.set(xlabel="$P_d$ [%] (worst: hollow)", xlim=(middle - half, middle + half))
 
 
 def _draw_motion_amplitudes(panel: Axes, attractors: AttractorsData) -> None:
@@ -176,7 +172,7 @@ def _draw_motion_amplitudes(panel: Axes, attractors: AttractorsData) -> None:
     blades = ds["blade"].to_numpy()
     peaks = PER_MICRO * ds["x_peak"].to_numpy()
     free = PER_MICRO * ds["x_free"].to_numpy()[0]
-    for i, (color, marker) in enumerate(ATTRACTOR_STYLES[: len(peaks)]):
+    for i, (color, marker) in enumerate(COLOURED_MARKS[: len(peaks)]):
         label = f"motion {i + 1}: $P_d$ = {float(ds['P_d'][i]):.4g} %"
         panel.plot(blades, peaks[i], marker, ls="-", lw=0.7, ms=4 - 0.4 * i, color=color, label=label)
     top, most = (float(np.nanmax(levels, initial=0.0)) for levels in (peaks, free))

@@ -12,11 +12,11 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from jaxshroud.plotting.page import Page, Panel
 from jaxshroud.plotting.style import (
     BLUE,
+    COLOURED_MARKS,
     COLUMN_WIDTH,
     GREY,
     INK,
     LENGTHS,
-    ORANGE,
     AnyFigure,
     Appearance,
     Properties,
@@ -25,8 +25,8 @@ from jaxshroud.plotting.style import (
     quantity,
 )
 from jaxshroud.scene.keys import parse_key
+from jaxshroud.scene.measurements import BLADES, Channel, channel_named
 
-SIDE_MARKS = {"left": (BLUE, "o"), "right": (ORANGE, "s")}  # blade -> colour and mark
 MEASURE_STYLES = {"": "-", "rms": "-", "peak": "--"}
 MEASURE_WORDS = {"": "", "rms": "RMS ", "peak": "peak "}
 MILLISECONDS = 1e3
@@ -99,6 +99,7 @@ def _draw_profile(panel: Axes, ds: xr.Dataset, key: str, i: int) -> None:
         panel.text(0.5, 0.95, "not determined", ha="center", va="top", transform=panel.transAxes)
     panel.set(xlabel=f"change of ${symbol}$ [{unit}]", ylabel="rise of $\\chi^2$\nover that of 95 %")
     panel.locator_params(axis="x", nbins=2)
+    panel.ticklabel_format(axis="x", scilimits=(-2, 3))
     panel.set_ylim(-0.1 * MOST_RISE, max(1.2, min(MOST_RISE, 1.1 * float(np.nanmax(rise, initial=0.0)))))
 
 
@@ -119,10 +120,15 @@ def _columns(ds: xr.Dataset, name: str) -> list[int]:
     return [i for i, channel in enumerate(ds["channel"].to_numpy()) if str(channel).partition("_")[0] == name]
 
 
-def _words(channel: str) -> tuple[str, str]:
-    """The measure of a channel, which a history has not, and its blade."""
-    parts = channel.split("_")
-    return "_".join(parts[1:-1]), parts[-1]
+def _marks(channel: Channel) -> tuple[str, str]:
+    """The colour and the mark of a channel, those of its blade."""
+    return COLOURED_MARKS[channel.blade % len(COLOURED_MARKS)]
+
+
+def _channel(ds: xr.Dataset, i: int) -> Channel:
+    channel = channel_named(str(ds["channel"].to_numpy()[i]))
+    assert channel is not None  # which the fit has written
+    return channel
 
 
 def _draw_quantity(panel: Axes, ds: xr.Dataset, name: str, appearance: Appearance) -> None:
@@ -130,18 +136,19 @@ def _draw_quantity(panel: Axes, ds: xr.Dataset, name: str, appearance: Appearanc
     label, factor = _place_axis(ds)
     unit, scale = _unit(ds, name, appearance)
     measures = []
+    symbol = r"\theta" if name == "theta" else name
     for i in _columns(ds, name):
-        measure, side = _words(str(ds["channel"].to_numpy()[i]))
-        color, marker = SIDE_MARKS[side]
-        style = MEASURE_STYLES[measure]
-        words = f"{side}, {MEASURE_WORDS[measure]}measured"
+        channel = _channel(ds, i)
+        color, marker = _marks(channel)
+        style = MEASURE_STYLES[channel.measure]
+        side = channel.label if channel.label in BLADES else f"${symbol}_{{{channel.label}}}$"
+        words = f"{side}, {MEASURE_WORDS[channel.measure]}measured"
         filled = color if style == "-" else "none"
         marks: Properties = {"ls": "", "marker": marker, "ms": 2.4, "mew": 0.5, "mec": color, "mfc": filled}
         panel.plot(factor * ds["at"], scale * ds["measured"][:, i], label=words, **marks)
         panel.plot(factor * ds["curve_at"], scale * ds["curve"][:, i], color=INK, ls=style, lw=0.7, label="fit")
-        measures.append(measure)
-    symbol = r"$\theta$" if name == "theta" else f"${name}$"
-    panel.set(xlabel=label, ylabel=f"{'amplitude of ' if any(measures) else ''}{symbol} [{unit}]")
+        measures.append(channel.measure)
+    panel.set(xlabel=label, ylabel=f"{'amplitude of ' if any(measures) else ''}${symbol}$ [{unit}]")
 
 
 def _draw_residuals(panel: Axes, ds: xr.Dataset) -> None:
@@ -149,8 +156,8 @@ def _draw_residuals(panel: Axes, ds: xr.Dataset) -> None:
     label, factor = _place_axis(ds)
     panel.axhspan(-LIMITS_SHOWN, LIMITS_SHOWN, color=GREY, alpha=0.2, lw=0)
     left = ((ds["measured"] - ds["fitted"]) / ds["sigma"]).to_numpy()
-    for i, channel in enumerate(ds["channel"].to_numpy()):
-        color, marker = SIDE_MARKS[_words(str(channel))[1]]
+    for i in range(len(ds["channel"])):
+        color, marker = _marks(_channel(ds, i))
         panel.plot(factor * ds["at"], left[:, i], ls="", marker=marker, ms=1.8, mew=0, color=color)
     panel.set(xlabel=label, ylabel="residual\nover noise")
     panel.set_ylim(*(np.array([-1, 1]) * max(3.2, 1.1 * float(np.nanmax(np.abs(left), initial=0.0)))))

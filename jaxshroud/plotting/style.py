@@ -184,6 +184,7 @@ COLUMN_WIDTH, PAGE_WIDTH = 88 / INCH, 140 / INCH  # one and one and a half colum
 INK, GREY, BLUE, ORANGE, SKY, PINK = "#1a1a1a", "#8c8c8c", "#0072B2", "#E69F00", "#56B4E9", "#CC79A7"
 GREEN, RED, YELLOW, DARK, PALE = "#009E73", "#D55E00", "#F0E442", "#4d4d4d", "#b8b8b8"  # pale: not settled
 COLOURS = (BLUE, ORANGE, GREEN, PINK, SKY, RED, DARK, YELLOW)  # of what has no colour of its own
+COLOURED_MARKS = list(zip((BLUE, ORANGE, GREEN, PINK, RED, SKY), "osD^vP", strict=True))
 STYLE: Any = {
     **dict.fromkeys(("font.size", "axes.titlesize", "figure.titlesize"), 8),
     **dict.fromkeys(("xtick.labelsize", "ytick.labelsize", "legend.fontsize"), 7),
@@ -287,11 +288,15 @@ def shade(figure: Figure, low: float, high: float) -> None:
 
 
 def quantity(
-    key: str, appearance: Appearance = DEFAULT_APPEARANCE, unit: str = "SI", names: Sequence[str] = PAIR.names
+    key: str,
+    appearance: Appearance = DEFAULT_APPEARANCE,
+    unit: str = "SI",
+    names: Sequence[str] = PAIR.names,
+    words: str = "",
 ) -> tuple[str, float]:
     """The axis label of a number of a scene, and its factor from SI units; an unknown key gets the given unit.
 
-    `names` are those of the blades.
+    `names` are those of the blades; `words` are the label without its unit, where they are known.
     """
     stem = key_stem(key)
     if stem not in ALL_KEYS:
@@ -300,7 +305,7 @@ def quantity(
     unit, factor = row.shown
     if row.unit == "m" and appearance.unit in LENGTHS:
         unit, factor = LENGTHS[appearance.unit]
-    label = key_label(key, names)
+    label = words or key_label(key, names)
     return f"{label} [{unit}]" if unit else label, float(factor)
 
 

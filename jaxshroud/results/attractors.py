@@ -8,7 +8,7 @@ import numpy as np
 from jaxshroud.io.lane_status import FLAGS
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, ComplexVariable, Entry, MotionVariable, Variable
-from jaxshroud.results.amplitudes import contact_values
+from jaxshroud.results.amplitudes import AT_POINTS, EACH, contact_values
 from jaxshroud.results.base import Result
 from jaxshroud.scene.keys import Motion
 from jaxshroud.signals.effects import between, with_interval
@@ -16,6 +16,7 @@ from jaxshroud.signals.effects import between, with_interval
 if TYPE_CHECKING:
     import xarray as xr
 
+    from jaxshroud.model.prepared import State
     from jaxshroud.orbits.attractors import Attractor, FoundAttractors
     from jaxshroud.orbits.starts import LaneEnds
 
@@ -34,9 +35,6 @@ ATTRACTOR_NUMBERS = (
         "P_d_least",
         "P_d_most",
         "residual",
-        "u_s",
-        "mode",
-        "case",
     ),
 )
 
@@ -79,7 +77,7 @@ class Attractors(Result):
     share = Variable("of all starts", "1")
     share_low = Variable("lower end of its 95 % interval, Clopper and Pearson", "1")
     share_high = Variable("upper end of its 95 % interval", "1")
-    P_d = Variable("vibration-power reduction of the left blade; of several starts the mean", "percent")
+    P_d = Variable("vibration-power reduction, of a pair that of the left blade; of several starts the mean", "percent")
     P_d_ci = Variable("half width of its 95 % interval; 0 on an orbit", "percent")
     P_d_vibration = Variable(
         "that of the vibration about the mean position alone; of several starts the mean", "percent"
@@ -90,13 +88,13 @@ class Attractors(Result):
     multipliers = ComplexVariable("Floquet multipliers of a periodic one, largest first", "1", ("multiplier",))
     residual = Variable("closing error of a periodic one", "1")
     motion = MotionVariable("on the attractor at drive phase 0")
-    u_s = Variable("slider there", "m")
-    mode = Variable("contact mode there")
-    case = Variable("contact case there")
-    point_u_s = Variable("slider of each point there", "m", ("point",))
-    point_mode = Variable("contact mode of each point there", None, ("point",))
-    path_x = Variable("x of the left blade along it", "m", ("along",))
-    path_v_x = Variable("v_x of the left blade along it", "m s-1", ("along",))
+    u_s = Variable("slider there", "m", EACH)
+    mode = Variable("contact mode there", None, EACH)
+    case = Variable("contact case there", None, EACH)
+    point_u_s = Variable("slider of each point there", "m", AT_POINTS)
+    point_mode = Variable("contact mode of each point there", None, AT_POINTS)
+    path_x = Variable("x of the first blade along it", "m", ("along",))
+    path_v_x = Variable("v_x of the first blade along it", "m s-1", ("along",))
     P_d_worst = Variable("least reduction of any blade of a row, of any start", "percent")
     x_peak = Variable("amplitude of x of each blade of a row, from the first of the starts", "m", ("blade",))
     x_free = Variable("amplitude of x of each blade of a row without contact, closed form", "m", ("blade",))
@@ -210,7 +208,7 @@ class Basins(Attractors):
         places = []
         for key in self.plane:
             name, _, blade = key.removeprefix("initial.").partition("[")
-            places.append(getattr(self.motion, name)[:, int(blade[:1] or 0)])
+            places.append(getattr(self.motion, name)[:, int(blade.rstrip("]") or 0)])
         return np.stack(places, axis=-1)
 
 
@@ -232,10 +230,11 @@ def attractor_values(found: "FoundAttractors", paths: Sequence[np.ndarray]) -> d
 
     ends, starts = found.ended, found.label.size
     rows = [_attractor_row(one, ends, path) for one, path in zip(found.attractors, paths, strict=True)]
-    template = rows[0] if rows else _empty_row()
+    template = rows[0] if rows else _empty_row(ends.state)
     shapes = {name: np.shape(value) for name, value in template.items() if name != "motion"}
     values = {name: np.array([row[name] for row in rows]).reshape(len(rows), *shapes[name]) for name in shapes}
-    fields = [np.array([row["motion"][i] for row in rows]).reshape(-1, 2) for i in range(6)]
+    blades = found.units.size // 6
+    fields = [np.array([row["motion"][i] for row in rows]).reshape(-1, blades) for i in range(6)]
     low, high = share_interval(values["starts"], starts)
     return {
         **values,
@@ -258,6 +257,7 @@ def _attractor_row(attractor: "Attractor", ends: "LaneEnds", path: np.ndarray) -
     if cycle is not None and attractor.kind == "periodic":
         mean, vibration = cycle.P_d, cycle.P_d_vibration
     is_family = cycle is not None and attractor.kind != "periodic"
+    numbers = np.size(attractor.state.motion) + np.size(attractor.state.u_s)
     return {
         "kind": ATTRACTOR_KINDS.index(attractor.kind),
         "period_number": attractor.q,
@@ -267,7 +267,7 @@ def _attractor_row(attractor: "Attractor", ends: "LaneEnds", path: np.ndarray) -
         "P_d_ci": 0.0 if cycle is not None else float(np.sqrt(np.nanmean(ci**2) / len(lanes))),
         "P_d_least": float(P_d.min()) if is_family else mean,
         "P_d_most": float(P_d.max()) if is_family else mean,
-        "multipliers": np.full(12 + np.size(attractor.state.u_s), np.nan + 0j) if cycle is None else cycle.multipliers,
+        "multipliers": np.full(numbers, np.nan + 0j) if cycle is None else cycle.multipliers,
         "residual": np.nan if cycle is None else cycle.residual,
         "motion": attractor.state.motion,
         **contact_values(attractor.state),
@@ -275,10 +275,12 @@ def _attractor_row(attractor: "Attractor", ends: "LaneEnds", path: np.ndarray) -
     }
 
 
-def _empty_row() -> dict[str, Any]:
-    """Values of the shapes that those of an attractor have."""
+def _empty_row(states: "State") -> dict[str, Any]:
+    """Values of the shapes that those of an attractor have, by the states of starts (leading axis)."""
     numbers = dict.fromkeys(ATTRACTOR_NUMBERS, 0)
-    return {**numbers, **_path_columns(np.empty((0, 2))), "multipliers": np.zeros(13, complex)}
+    of_contact = {name: a[0] for name, a in contact_values(states).items()}
+    multipliers = np.zeros(np.size(states.motion[0][0]) * 6 + np.size(states.u_s[0]), complex)
+    return {**numbers, **of_contact, **_path_columns(np.empty((0, 2))), "multipliers": multipliers}
 
 
 def _path_columns(path: np.ndarray) -> dict[str, np.ndarray]:

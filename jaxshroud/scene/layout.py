@@ -180,9 +180,6 @@ COUPLED_WITHOUT_CONTACT = (
 )
 SECTOR_OF_CHAIN = '`row.sector` = "auto" is of closed rings: an open chain does not repeat; drop it.'
 CAPABILITIES = (
-    Capability("`attractors`", "pair so far", "motions are told apart by orbits of two blades with one slider"),
-    Capability("`basins`", "pair so far", "motions are told apart by orbits of two blades with one slider"),
-    Capability("`fit`", "pair so far", "the columns of measurements name a left and a right blade"),
     Capability("`trade`", "pair so far", "power series and the solvers of diffrax, which it compares, march pairs"),
     Capability("`method_for`", "pair so far", "methods are not tried on rows, for which no accuracy is examined"),
     Capability("the method taylor", "pair so far", "rows are marched by Runge-Kutta methods, not by power series"),

@@ -37,7 +37,17 @@ N_PERIODS = 64  # kept periods, unless the argument or the scene file says other
 LaneVariable = tuple[tuple[str, ...], np.ndarray, dict[str, str]]  # dimensions, values, attributes
 
 
-LACK_MATRICES = ("orbit", "lyapunov", "branch", "response", "gradient", "diagnose", "report")  # verbs
+LACK_MATRICES = (
+    "orbit",
+    "lyapunov",
+    "branch",
+    "response",
+    "gradient",
+    "diagnose",
+    "report",
+    "attractors",
+    "basins",
+)  # verbs
 
 
 def check_verb(verb: str, scene: Scene | SceneFile) -> None:

@@ -19,7 +19,7 @@ from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.orbits.attractors import FoundAttractors, attractors_of
 from jaxshroud.orbits.shooting import CLOSING_TOLERANCE, ShootingOptions
-from jaxshroud.orbits.starts import START_SPREAD, random_row_starts, random_starts, start_range
+from jaxshroud.orbits.starts import START_SPREAD, random_starts, start_range
 from jaxshroud.results.attractors import (
     ATTRACTOR_KINDS,
     STOPPED,
@@ -33,7 +33,7 @@ from jaxshroud.results.sweep import SweepResult, swept_motions
 from jaxshroud.scene.checks import InputError, count_argument, positive_argument, seed_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
-from jaxshroud.scene.keys import Motion, key_parts
+from jaxshroud.scene.keys import key_parts
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
@@ -62,7 +62,8 @@ def attractors(
 
     Starts are apart, at drive phase 0. Each displacement is uniform within `spread` times its amplitude without contact
     plus the gap (for angles: the rotation that moves a corner by the gap), each rate within omega times that. Starts
-    with overlapping blocks are drawn again.
+    with overlapping blocks are drawn again. Rows start with random rates alone, as the gaps of a ring add up to what
+    they are.
 
     Args:
         scene: One scene, or a scene file.
@@ -76,9 +77,10 @@ def attractors(
     Returns:
         The attractors, in the order of their period, then of P_d from the largest; aperiodic ones are last. Periodic
         ones are closed by Newton's method and told apart by the distance between their orbits; orbits that differ only
-        in the position of a slider that never slips are one family. Aperiodic motions are told apart by the sets that
-        they fill in 512 periods, and count if a longer run is judged chaotic or quasi-periodic, as by `diagnose`. A
-        start that leads to none of these, such as one whose transient is not over, is undecided.
+        in the position of a slider that never slips are one family. In a ring the copies of a motion that begin at
+        another blade are motions of their own. Aperiodic motions are told apart by the sets that they fill in 512
+        periods, and count if a longer run is judged chaotic or quasi-periodic, as by `diagnose`. A start that leads to
+        none of these, such as one whose transient is not over, is undecided.
 
     Raises:
         InputError: A count is too small, or there are many scenes.
@@ -100,7 +102,7 @@ def attractors(
     found = _attractors_from(single, states, most_periods, shooting, progress)
     values = attractor_values(found, _drawn_paths(found, single, shooting)) | {"initial": states.motion}
     values |= {"spread": spread, "seed": seed}
-    return Attractors.of_values(values, ("start",), attributes)
+    return Attractors.of_values(values, ("start",), attributes, {"blade": range(single.layout.blades)})
 
 
 def _single_scene(
@@ -131,7 +133,7 @@ def _attractors_from(
 
 
 def _drawn_paths(found: FoundAttractors, scene: Scene, shooting: ShootingOptions) -> list[np.ndarray]:
-    """The left blade's x and v_x along each attractor, (n, 2): one orbit, or eight periods of an aperiodic one."""
+    """The first blade's x and v_x along each attractor, (n, 2): one orbit, or eight periods of an aperiodic one."""
     curves = []
     steps = shooting.steps * -(-DRAWN_STEPS // shooting.steps)
     for attractor in found.attractors:
@@ -187,31 +189,34 @@ def basins(
     given_ranges = (None, None) if ranges is None else ranges
     if len(given_ranges) != 2:
         raise InputError(f"Argument `ranges` must give two ranges, each None or a pair, but gives {len(given_ranges)}.")
-    default_range = start_range(single)
-    axes = {key: _plane_values(key, default_range, ends, num) for key, ends in zip(keys, given_ranges, strict=True)}
+    names = single.layout.names
+    axes = {key: _plane_values(single, key, ends, num) for key, ends in zip(keys, given_ranges, strict=True)}
     grid = grid_of_scenes(single, axes)
     states = initial_states(jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), grid))
     found = _attractors_from(single, states, most_periods, shooting, progress)
     values = attractor_values(found, _drawn_paths(found, single, shooting))
     values |= {name: np.asarray(values[name]).reshape(num, num) for name in ("label", "status")}
-    coords = {dimension(key): (dimension(key), line, key_attrs(key)) for key, line in axes.items()}
-    return Basins.of_values(values, tuple(map(dimension, keys)), attributes, coords)
+    dims = {key: dimension(key, names) for key in axes}
+    lines = {dims[key]: (dims[key], line, key_attrs(key, names)) for key, line in axes.items()}
+    coords = {"blade": range(single.layout.blades), **lines}
+    return Basins.of_values(values, tuple(dims.values()), attributes, coords)
 
 
 def _check_moves(key: str, scene: Scene) -> None:
     """Raise InputError unless the model has the number of the initial motion."""
-    _, name, blade = key_parts(key)
+    _, name, blade = key_parts(key, scene.layout)
     displacement = name.removeprefix("v_")
-    sides = (0, 1) if blade is None else (blade,)
+    sides = range(scene.layout.blades) if blade is None else (blade,)
     if not any(scene.parts.has(displacement, side) for side in sides):
         of_blade = "" if displacement not in scene.parts.motion else f" of blade {blade}"
         moves = ", ".join(scene.parts.motion)
         raise InputError(f"Argument `plane`: there is no {displacement}{of_blade} in this model, which has {moves}.")
 
 
-def _plane_values(key: str, default_range: Motion, ends: tuple[float, float] | None, num: int) -> np.ndarray:
+def _plane_values(scene: Scene, key: str, ends: tuple[float, float] | None, num: int) -> np.ndarray:
     """The values of one number of the initial motion."""
-    _, name, blade = key_parts(key)
+    _, name, blade = key_parts(key, scene.layout)
+    default_range = start_range(scene)
     reach = getattr(default_range, name)
     largest = START_SPREAD * float(np.max(reach) if blade is None else reach[blade])
     low, high = (-largest, largest) if ends is None else sorted(map(float, ends))
@@ -234,7 +239,7 @@ def row_motions(scene: Scene, starts: int, seed: int, march: MarchPlan, transien
         n_periods: Drive periods over which motions are compared and averaged.
     """
     lanes = in_precision(without_given(repeat_lane(scene, starts)), march.method.precision)
-    states = random_row_starts(jax.tree.map(lambda a: a[0], lanes), starts, seed, START_SPREAD)
+    states = random_starts(jax.tree.map(lambda a: a[0], lanes), starts, seed, START_SPREAD)
     before = Plan(max(transient - 1, 0), 1, march.steps, 0.0, march.method)
     last = run_lanes(lanes, states, before, lambda _: None).last
     status = np.asarray(last.status)

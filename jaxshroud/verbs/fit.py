@@ -26,7 +26,7 @@ from jaxshroud.io.measurements import measurements_from, read_measurements
 from jaxshroud.results.fit import Fit
 from jaxshroud.scene.checks import InputError, count_argument, seed_argument
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.measurements import Measurements
+from jaxshroud.scene.measurements import BLADES, Measurements
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.verbs.arguments import one_scene, resolve_options
@@ -66,12 +66,13 @@ def fit(
 
     Args:
         scene: One scene, or a scene file, whose [run] counts where an argument is not given.
-        measurements: A CSV file or a table of columns by headers `name [unit]`: `t [s]` and displacements,
-            `x_left [mm]`, `theta_right [deg]`, ...; or `omega [rad/s]`, `f [Hz]`, or `speed [rpm]` with `engine_order`,
-            and amplitudes about the mean, `x_rms_left [um]`, `x_peak_right [um]`, ... Columns `x_left_sigma [mm]`, ...
-            give the standard deviation of the noise of each value; without them that of each channel is estimated: of a
-            history by how far residuals depart from the line through both neighbours, so that a bad fit has a large
-            chi^2; of a response by the residuals themselves.
+        measurements: A CSV file or a table of columns by headers `name [unit]`: `t [s]` and displacements, `x_left
+            [mm]`, `theta_right [deg]`, ...; or `omega [rad/s]`, `f [Hz]`, or `speed [rpm]` with `engine_order`, and
+            amplitudes about the mean, `x_rms_left [um]`, `x_peak_right [um]`, ... The blades of a row have numbers,
+            from 1: `x_1 [mm]`, `x_rms_12 [um]`. Columns `x_left_sigma [mm]`, ... give the standard deviation of the
+            noise of each value; without them that of each channel is estimated: of a history by how far residuals
+            depart from the line through both neighbours, so that a bad fit has a large chi^2; of a response by the
+            residuals themselves.
         over: Keys as for `vary`, each with its bounds in SI units.
         scan: Points within the bounds that are tried first, besides the scene itself; half in each search of a history.
         starts: The best of them from which least squares begin, of a history the ends of a search.
@@ -195,6 +196,10 @@ def fit_problem(nominal: Scene, data: Measurements, over: Mapping[str, tuple[flo
         InputError: See `fit`.
     """
     for channel in data.channels:
+        if channel.blade >= nominal.layout.blades:
+            raise InputError(f"{channel.name} is measured, but the scene has {nominal.layout.blades} blades.")
+        if nominal.row is not None and channel.label in BLADES:
+            raise InputError(f"{channel.name}: the blades of a row have numbers, from 1; write x_1, x_2, ...")
         if not nominal.parts.has(channel.place, channel.blade):
             raise InputError(f"{channel.name} is measured, but does not move in the scene's [parts].")
     if data.values.size <= len(over):

@@ -383,10 +383,7 @@ def test_smooth_contact_has_a_width_for_each_interface():
 def _verbs():
     ring = load(RING)
     return {
-        "attractors": lambda: js.attractors(ring),
-        "basins": lambda: js.basins(ring),
         "trade": lambda: js.trade(ring),
-        "fit": lambda: js.fit(ring, {"t [s]": [0.0, 1e-3], "x_left [m]": [0.0, 1e-6]}, {"drive.omega": (500.0, 600.0)}),
         "method_for": lambda: js.method_for(ring.scene),
     }
 
@@ -407,6 +404,9 @@ KNOW_ROWS = {
         "check_laws",
         "largest_frequency",
         "lyapunov",
+        "attractors",
+        "basins",
+        "fit",
     ),
     *("value_of", "vary", "scenes_from", "stack_scenes"),
 }
