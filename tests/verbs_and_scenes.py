@@ -205,7 +205,7 @@ COMMANDS: dict[str, list[str]] = {
     "trade": ["scene.toml", "--transient", "4", "--lanes", "8", "--out", "trade"],
 }
 DESIGNS = "blades.c_x [N s/m]\n40\n50\n"
-MEASURED = "t [ms],x_left [mm]\n1,0.01\n2,0.04\n3,0.09\n4,0.12\n"
+MEASURED = "t [ms],x_1 [mm]\n1,0.01\n2,0.04\n3,0.09\n4,0.12\n"
 
 
 def command_answer(words: list[str]) -> str:
@@ -246,7 +246,7 @@ IN_PYTHON: dict[str, Callable[[js.Scene], object]] = {
     "mistune": lambda scene: js.mistune(scene, SPEEDS, n_patterns=2, **SHORT),
     "fit": lambda scene: js.fit(
         scene,
-        {"t [s]": [1e-3, 2e-3, 3e-3], "x_left [m]": [1e-5, 4e-5, 9e-5]},
+        {"t [s]": [1e-3, 2e-3, 3e-3], "x_1 [m]": [1e-5, 4e-5, 9e-5]},
         {"blades.c_x": (30.0, 60.0)},
         scan=2,
         starts=1,
