@@ -62,7 +62,7 @@ def resolve_march(
         usual: The method where steps alone are given, with a ledger or without.
         trials: How methods are tried.
     """
-    with input_errors_at(f"{file.name}: [run]"), progress_bar(TRIAL_UNIT) as report:
+    with accuracy_warnings_printed(), input_errors_at(f"{file.name}: [run]"), progress_bar(TRIAL_UNIT) as report:
         trials["progress"] = report
         march = plan_march(resolved, scenes, usual, **trials)
     _print_choice(file, scenes, march.tried, options)
@@ -110,7 +110,7 @@ def resolved_options(file: SceneFile, options: argparse.Namespace, usual: Choice
             raise CommandError(f"--accuracy chooses --{name.replace('_', '-')} itself; give one of them")
     named = any(getattr(options, name) is not None for name in METHOD_OPTIONS)
     method = _method_of_options(options, usual) if named else options.accuracy
-    with input_errors_at(f"{file.name}: [run]"), accuracy_warnings_printed():
+    with input_errors_at(f"{file.name}: [run]"):
         return resolve_options(file, method=method)
 
 

@@ -3,7 +3,6 @@
 Their scenes may have leading axes. What no verb takes is refused at once.
 """
 
-import warnings
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -13,7 +12,6 @@ import numpy as np
 
 from jaxshroud.batch.states import initial_states
 from jaxshroud.cache.programs import is_traced
-from jaxshroud.io.lane_status import AccuracyWarning
 from jaxshroud.io.scene_numbers import dimension, scene_differences
 from jaxshroud.io.variable import jax_lane_arrays
 from jaxshroud.march.method import Method, StepCount
@@ -31,7 +29,7 @@ from jaxshroud.scene.speed import ORDER
 from jaxshroud.scene.text import numbers_of, text_of
 from jaxshroud.scene.typed import Tree
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.verbs.asked import Asked, MethodArgument, accuracy_level, choice_without_trial, is_tried
+from jaxshroud.verbs.asked import Asked, MethodArgument, accuracy_level
 
 N_PERIODS = 64  # kept periods, unless the argument or the scene file says otherwise
 LaneVariable = tuple[tuple[str, ...], np.ndarray, dict[str, str]]  # dimensions, values, attributes
@@ -274,8 +272,6 @@ def resolve_options(
     shape = leading_axes(scenes)
     check_ranges(scenes)
     require_sector(scenes)
-    if isinstance(method, str | float) and not is_tried(scenes) and _is_examined(scenes):
-        warnings.warn(str(choice_without_trial(method, True, scenes)), AccuracyWarning, stacklevel=4)
     return ResolvedOptions(scenes, shape, names_of(shape, dims), file, n_periods, transient, asked)
 
 

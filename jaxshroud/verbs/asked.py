@@ -9,11 +9,9 @@ from jaxshroud.march.method import FLAT_RETURN, Choices, Method, StepCount, meth
 from jaxshroud.march.method_names import Locate
 from jaxshroud.march.tableau import MIN_STEPS, TaylorOptions, tableau
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.scene import Scene
 
 LEVELS = tuple(10.0**-n for n in range(2, 11))
 NAMED = {"fast": 1e-3, "balanced": 1e-6, "reference": 1e-10}
-COARSE_ACCURACY = 1e-3  # of rows: from here on Tsitouras 5 is cheaper
 MIN_SERIES_STEPS = 200  # per period; they cost power series nothing, and trajectories are sampled at them
 
 
@@ -100,11 +98,10 @@ class Choice:
 
     accuracy: float  # error of the state after three periods, see `state_errors`, that 95 % of lanes keep
     setting: Setting
-    steps: int | None  # per period; None: as many as the stiffest lane needs
+    steps: int  # per period
     promised: bool | None  # False: the accuracy cannot be reached, and this setting is about the best; None: not tried
     reached: float = np.nan  # error that 95 % of the probed lanes keep, by comparison with a finer march
-    shown: bool = True  # in results: not where a method that is not tried is the default
-    untried: str = "rows"  # where it is not tried: what it is chosen for
+    why: str = ""  # it is not tried
     curtailed: bool = False  # not promised, and no finer setting was tried, as that would have taken too long
 
     @property
@@ -113,12 +110,10 @@ class Choice:
         return self.setting.method
 
     def __str__(self) -> str:
-        if self.promised is None:
-            levels = "from 1e-03 on" if self.accuracy >= COARSE_ACCURACY else "below 1e-03"
-            method = f"{self.setting.tableau} marches {self.untried} for every accuracy {levels}"
-            return f"accuracy {self.accuracy:.0e}: not examined for {self.untried}, and maybe missed; {method}"
         product = "" if self.setting.order else " (omega_max h)"
         text = f"accuracy {self.accuracy:.0e}: {self.setting}{product}, {self.steps} steps a period"
+        if self.promised is None:
+            return f"{text}; not examined, and maybe missed, as {self.why}"
         if self.promised:
             return text
         if self.curtailed:
@@ -128,26 +123,6 @@ class Choice:
             )
         best = f"{self.reached:.0e} is the best for 95 % of runs"
         return f"{text}; not to be had: {best}, as impacts multiply errors and flat contact drops its rocking"
-
-
-def is_tried(scene: Scene) -> bool:
-    """Whether methods are tried on a scene for an accuracy: on a pair whose corners touch."""
-    return scene.row is None and scene.contact.points is None
-
-
-def choice_without_trial(accuracy: str | float, shown: bool, scene: Scene) -> Choice:
-    """The method of rows of blades, and of faces of points: one of two, and no trial says whether an accuracy is kept.
-
-    Args:
-        accuracy: The accuracy.
-        shown: Whether it was requested.
-        scene: What it is for, of which `is_tried` is false.
-    """
-    level = accuracy_level(accuracy)
-    name = "tsit5" if level >= COARSE_ACCURACY else "dopri8"
-    untried = "rows" if scene.row is not None else "faces of several points"
-    setting = Setting(name, "cubic", "float64", np.nan, flat_return=flat_return_for(level))
-    return Choice(level, setting, None, promised=None, shown=shown, untried=untried)
 
 
 ACCURACY = "balanced"  # unless an argument or the scene file says how to march
@@ -179,7 +154,7 @@ class MarchPlan(NamedTuple):
     @property
     def attributes(self) -> dict[str, int | str]:
         """The attributes of results that describe it."""
-        chosen = {"accuracy": str(self.choice)} if self.choice is not None and self.choice.shown else {}
+        chosen = {} if self.choice is None else {"accuracy": str(self.choice)}
         march = method_as_json(method_of(self.steps, self.method))
         method = f"closed form, {self.in_closed_form}" if self.in_closed_form else str(self.method)
         return {"steps_per_period": self.steps, "method": method, "march": march, **chosen}

@@ -20,7 +20,7 @@ from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.arguments import ResolvedOptions, resolve_options
-from jaxshroud.verbs.asked import ACCURACY, Asked, Choice, MarchPlan, choice_without_trial, is_tried
+from jaxshroud.verbs.asked import ACCURACY, Asked, Choice, MarchPlan
 from jaxshroud.verbs.trials import EndStates, choose
 
 
@@ -62,7 +62,7 @@ def plan_march(resolved: ResolvedOptions, lanes: Scene, usual: Choices, **trials
     """
     method, choice = choose_method(resolved, lanes, usual, **trials)
     known = resolved.asked.plan
-    if known is None and choice is not None and choice.steps is not None:
+    if known is None and choice is not None:
         return MarchPlan(choice.steps, method, choice)
     # the method was not chosen for these lanes: is it stable here?
     lanes = in_precision(without_given(lanes), method.precision)
@@ -97,10 +97,6 @@ def choose_method(
     elif resolved.accuracy is None:
         method = usual
         choice = None
-    elif not is_tried(lanes):
-        chosen = choice_without_trial(resolved.accuracy, asked.by_argument, lanes)
-        method = chosen.method
-        choice = None if asked.says_nothing else chosen
     else:
         ends = trials.get("ends") or partial(end_states, ledger=usual.ledger, vibration=usual.vibration)
         periods = trials.get("periods")
@@ -109,6 +105,11 @@ def choose_method(
         progress = trials.get("progress")
         choice = choose(without_given(lanes), 1, resolved.accuracy, lane_periods=work, ends=ends, progress=progress)
         method = choice.method
+        if choice.promised is None:
+            is_requested = asked.by_argument and not asked.says_nothing
+            if is_requested:
+                warnings.warn(str(choice), AccuracyWarning, stacklevel=5)
+            choice = choice if is_requested else None
     require_march(lanes, method)
     return _recording(method, usual, law), choice
 

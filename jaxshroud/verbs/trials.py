@@ -16,7 +16,8 @@ import numpy as np
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.batch.plan import Progress, Tick, Ticker
 from jaxshroud.march.method import Choices
-from jaxshroud.march.stability import stiffest, stiffness_ratio
+from jaxshroud.march.stability import steps_for, stiffest, stiffness_ratio
+from jaxshroud.march.tableau import tableau
 from jaxshroud.orbits.short_runs import HORIZON, HorizonEnds, end_states, state_errors
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
@@ -29,7 +30,8 @@ PROMISED_SHARE = 0.95  # of the lanes, for which an accuracy is promised
 MAX_FINER_SETTINGS = 3  # tried beyond those of the table, each with half the step or a tenth of the tolerance
 ERROR_MARGIN = 3.0  # an estimated error is one draw: where motions multiply errors, another may be larger by this
 MAX_SHARE = 0.1  # of the trial steps of a run, for the choice of its method
-LEAST_BUDGET = 10**6  # trial steps, for runs that are shorter than the choice: a few seconds
+LEAST_BUDGET = 10**6  # trial steps, for runs of pairs that are shorter than the choice: a few seconds
+COARSE_ACCURACY = 1e-3  # of rows and of faces of points: from here on Tsitouras 5 is cheaper
 EXPECTED_TRIALS = 2
 SLACK = 3.0  # in the proportion of errors to tolerances
 LEAST_TOLERANCE = 1e-14  # which is tried in any case
@@ -38,7 +40,7 @@ TILTED, PARALLEL = 0, 1  # places in the table
 EndStates = Callable[[Scene, int, Choices, Tick], HorizonEnds]
 FORCE_PERTURBATION = 2.0**-50  # relative
 START_SHIFT = 1e-12  # of each displacement; of accuracies below 1e-9 a thousandth of them
-START_SIGNS = np.array(  # of x, y, theta of both blades
+START_SIGNS = np.array(  # of x, y, theta of two blades, and of the next two likewise
     [
         [(1, -1), (1, 1), (-1, 1)],
         [(1, 1), (-1, -1), (-1, 1)],
@@ -95,10 +97,20 @@ def choose(
     frequency_and_period = stiffest(lanes, 1)
     choices = []
     spent = 0
-    candidates, in_table = _candidates(lanes, level)
+    has_table = lanes.row is None and lanes.contact.points is None
+    candidates, in_table = _candidates(lanes, level) if has_table else (_two_settings(lanes, level), False)
+    first = Choice(level, candidates[0], candidates[0].steps(*frequency_and_period), in_table or None)
     if in_table and not lane_periods:
-        return Choice(level, candidates[0], candidates[0].steps(*frequency_and_period), True)
+        return first
     probe = _probe(lanes, _affordable_lanes(len(lanes.drive.omega), lane_periods))
+    least_budget = LEAST_BUDGET if lanes.row is None else 0  # a trial step of a row may take a hundred times as long
+    if lanes.blade_matrices is not None:
+        return replace(first, why="blades by matrices are not tried")
+    if not (has_table or lane_periods):
+        return replace(first, why="nothing is marched")
+    shortest = 3 * HORIZON * len(probe.drive.omega) - MAX_SHARE * lane_periods
+    if not has_table and first.steps * shortest > least_budget:
+        return replace(first, why="a trial would take more than a tenth of the run")
     while candidates:
         setting, *candidates = candidates
         steps = setting.steps(*frequency_and_period)
@@ -110,7 +122,7 @@ def choose(
         candidates = [finer for finer in candidates if _may_suffice(finer, setting, error / level)]
         spent += trial.work
         of_run = trial.own_work / (HORIZON * len(trial.errors)) * lane_periods
-        if candidates and spent + trial.work > max(MAX_SHARE * of_run, LEAST_BUDGET):
+        if candidates and spent + trial.work > max(MAX_SHARE * of_run, least_budget):
             return replace(choices[-1], curtailed=True)
     smallest = min(choice.reached for choice in choices)
     return next(choice for choice in choices if choice.reached <= ACCEPTABLE_RATIO * smallest)
@@ -134,6 +146,15 @@ def _candidates(lanes: Scene, accuracy: float) -> tuple[list[Setting], bool]:
     finer = [found[-1].finer(n) for n in range(1, MAX_FINER_SETTINGS + 1)]
     finer = [setting for setting in finer if setting.finer(1).tolerance < setting.tolerance / 2 or not setting.order]
     return list(dict.fromkeys([*found, *finer])), bool(sufficient)
+
+
+def _two_settings(lanes: Scene, accuracy: float) -> list[Setting]:
+    """The settings of rows and of faces of points: by the stiffness of the lanes, and the same with half the step."""
+    name = "tsit5" if accuracy >= COARSE_ACCURACY else "dopri8"
+    omega_max, period = stiffest(lanes, 1)
+    product = omega_max * period / steps_for(lanes, 1, "auto", tableau(name))
+    setting = Setting(name, "cubic", "float64", product, flat_return=flat_return_for(accuracy))
+    return [setting, setting.finer(1)]
 
 
 def _decades(coarse: Setting, fine: Setting) -> list[Setting]:
@@ -221,8 +242,9 @@ def _with_moved_start(scenes: Scene, shares: FloatArray) -> Scene:
     """The scenes (leading axis) with x, y, theta of the starts moved by shares of them, or of what the drive bends."""
     b, load, start = scenes.running_blades, scenes.drive.largest_load, scenes.initial
     static = load("x") / b.k_x, load("y") / b.k_y, load("theta") / b.k_T
+    signs = shares[:, np.arange(scenes.layout.blades) % 2]
     moved = [
         own + np.maximum(np.abs(own), bent) * share
-        for own, bent, share in zip((start.x, start.y, start.theta), static, shares, strict=True)
+        for own, bent, share in zip((start.x, start.y, start.theta), static, signs, strict=True)
     ]
     return eqx.tree_at(lambda s: (s.initial.x, s.initial.y, s.initial.theta), scenes, tuple(moved))

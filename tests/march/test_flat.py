@@ -22,7 +22,6 @@ from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Contact, Drive, Friction, Scene, Shroud
 from jaxshroud.scene.vary import vary
-from jaxshroud.verbs.asked import choice_without_trial
 from jaxshroud.verbs.simulate import simulate
 from jaxshroud.verbs.sweep import sweep
 from jaxshroud.verbs.trials import choose
@@ -287,8 +286,8 @@ def test_files_hold_the_share(method):
 
 @pytest.mark.full
 def test_an_accuracy_sets_the_share():
-    row = js.load("row_ring12").scene
-    shares = [choice_without_trial(level, True, row).method.flat_return for level in (1e-3, 1e-6, 1e-9)]
+    row = js.scenes_from({"contact.gamma": [2.5]}, js.load("row_ring12").scene)
+    shares = [choose(row, 1, level, lane_periods=0).method.flat_return for level in (1e-3, 1e-6, 1e-9)]
     np.testing.assert_allclose(shares, [1 / 2423, 1 / 38400, 1 / 608600], rtol=1e-3)
     lanes = js.scenes_from({"contact.gamma": [2.5]}, js.load("table1").scene)
     assert choose(lanes, 1, 1e-6).method.flat_return == pytest.approx(4 / 38400)  # where trials say that it is enough

@@ -153,8 +153,6 @@ def test_what_does_not_know_points_refuses_them_by_name():
         js.trade(file)
     with pytest.raises(js.InputError, match="not contact points"):
         js.simulate(file, n_periods=1, method=js.Taylor())
-    with pytest.warns(js.AccuracyWarning, match="not examined for faces of several points"):
-        js.simulate(file, n_periods=1, method="balanced")
     with pytest.raises(js.InputError, match="do not know contact points"):
         js.with_contact_law(file.scene, js.Laws(js.Hertz(1e7)))
 

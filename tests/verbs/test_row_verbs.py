@@ -104,33 +104,37 @@ def test_what_rows_do_not_have_is_refused_in_one_line(words, told, tmp_path, cap
     assert not out.exists()
 
 
-def asked(verb, *args, **more):
-    """The result of a verb of which an accuracy is asked, and the warnings of it."""
-    with pytest.warns(js.AccuracyWarning) as told:
-        found = verb(*args, **more)
-    return found, [str(one.message) for one in told if one.category is js.AccuracyWarning]
+@pytest.mark.full
+@pytest.mark.parametrize("level", [1e-3, 1e-6, 1e-9])
+def test_an_accuracy_of_a_row_is_kept(level):
+    # Against a march with eight times the steps and bisected events.
+    scene = js.load("row_ring12", CHAIN).scene
+    run = js.simulate(scene, n_periods=96, method=level)
+    assert run.accuracy.startswith(f"accuracy {level:.0e}: ")
+    assert "not" not in run.accuracy
+    method = js.method_for(scene, level)
+    assert method.steps == run.steps_per_period
+    exact = js.simulate(scene, n_periods=3, method=js.RungeKutta("dopri8", 8 * method.steps, "bisection"))
+    short = js.simulate(scene, n_periods=3, method=method)
+    for name in ("x", "v_x"):
+        got, want = (getattr(one.last.motion, name) for one in (short, exact))
+        assert np.abs(got - want).max() <= level * np.abs(want).max()
 
 
 @pytest.mark.full
-def test_an_accuracy_of_a_row_is_not_examined_and_says_so():
-    # Until rows are tried for accuracies, all below 1e-3 are one method, bit for bit.
+def test_a_row_by_default_is_marched_as_balanced():
     scene = js.load("row_ring12", CHAIN).scene
-    runs = {name: asked(js.simulate, scene, n_periods=1, method=name) for name in ("balanced", "reference")}
-    for level, (run, told) in zip(("1e-06", "1e-10"), runs.values(), strict=True):
-        assert told == [run.accuracy]
-        assert run.accuracy.startswith(f"accuracy {level}: not examined for rows")
-    (balanced, _), (reference, _) = runs.values()
-    np.testing.assert_array_equal(balanced.motion.x, reference.motion.x)
-    for given in (scene, js.load("row_ring12", [*CHAIN, "run.accuracy=reference"])):  # neither default nor file: silent
-        silent = js.simulate(given, n_periods=1)  # a warning is an error here
-        assert silent.accuracy is None
-        np.testing.assert_array_equal(silent.motion.x, balanced.motion.x)
+    run, balanced = js.simulate(scene, n_periods=96), js.simulate(scene, n_periods=96, method="balanced")
+    assert run.accuracy == balanced.accuracy
+    np.testing.assert_array_equal(run.motion.x, balanced.motion.x)
+    silent = js.simulate(scene, n_periods=1)  # too short for a trial; a warning is an error here
+    assert silent.accuracy is None
 
 
 @pytest.mark.release(only=["tune", "diagnose"])
 @pytest.mark.full
 @pytest.mark.parametrize("verb", ["sweep", "power", "table", "scatter", "tune", "diagnose"])
-def test_verbs_say_once_that_an_accuracy_of_a_row_is_not_examined(verb):
+def test_verbs_say_once_that_a_run_is_too_short_for_an_accuracy(verb):
     scene, run = js.load("row_ring12", CHAIN).scene, {"n_periods": 2, "transient": 1}
     designs, search = {"contact.gamma": [2.0, 3.0]}, js.SearchOptions(4, 1, 1)
     args, more = {
@@ -141,16 +145,19 @@ def test_verbs_say_once_that_an_accuracy_of_a_row_is_not_examined(verb):
         "tune": (({"contact.gamma": (2.0, 3.0)},), run | {"search": search}),
         "diagnose": ((), {"transient": 1}),
     }[verb]
-    found, told = asked(getattr(js, verb), scene, *args, **more, method="balanced")
-    assert told == [found.accuracy]
+    with pytest.warns(js.AccuracyWarning) as warned:
+        found = getattr(js, verb)(scene, *args, **more, method="balanced")
+    said = [str(one.message) for one in warned if one.category is js.AccuracyWarning]
+    assert said == [found.accuracy]
+    assert "not examined, and maybe missed, as a trial would take more than a tenth of the run" in found.accuracy
 
 
 @pytest.mark.release
 @pytest.mark.full
-def test_commands_say_once_that_an_accuracy_of_a_row_is_not_examined(tmp_path, capsys):
+def test_commands_say_once_that_a_run_is_too_short_for_an_accuracy(tmp_path, capsys):
     words = [*("simulate", "row_ring12", "--periods", "1", "--force", "--out", str(tmp_path / "run.nc"))]
     words += [word for text in CHAIN for word in ("--set", text)]
     for accuracy, said in ((["--accuracy", "reference"], 1), ([], 0)):
         assert cli.main([*words, *accuracy]) == 0
-        assert capsys.readouterr().err.count("warning: accuracy 1e-10: not examined for rows") == said
+        assert capsys.readouterr().err.count("not examined, and maybe missed") == said
         assert (js.open(tmp_path / "run.nc").accuracy is not None) == bool(said)
