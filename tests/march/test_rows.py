@@ -15,8 +15,10 @@ from row_runs import EXACT_ROW, part_of_period, row_scene_of, run_rows
 from scipy.linalg import expm
 
 import jaxshroud as js
-from jaxshroud.batch.lanes import lanes_last
-from jaxshroud.batch.xla import vmapped
+from jaxshroud.batch.lanes import begin_lanes, lanes_last
+from jaxshroud.batch.periods import CallLimits, Clock, at_start_of_period, run_block
+from jaxshroud.batch.states import initial_states
+from jaxshroud.batch.xla import best_mapping, vmapped
 from jaxshroud.march import row_trial
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import TaylorOptions
@@ -354,6 +356,18 @@ def test_energy_of_a_ring_without_one_loss_does_not_balance():
     assert np.abs(runs.residual[0]) < 1e-12
     lost = np.sum(runs.samples.friction[:, 0, 0]) / np.sum(runs.samples.gross[:, 0])
     assert lost > 1e-4
+
+
+@pytest.mark.full
+def test_a_maximum_right_after_an_event_does_not_hold_a_row_up():
+    # A guard seemed to have a maximum 4e-16 of a step after an event: a trial that ended there left the clock where it
+    # was, and so did all that followed, for ever.
+    row = ["row.blades=12", "row.closed=true", "drive.engine_order=3", "drive.F_0=62"]
+    scenes = js.stack_scenes([js.load("table1", row).scene])
+    begin = at_start_of_period(begin_lanes(scenes, initial_states(scenes), EXACT_ROW))
+    limits = CallLimits(jnp.int32(2), jnp.int32(3000))  # some 320 trials a period
+    end, ended, _ = run_block(scenes, begin, Clock.from_phase_0(100), limits, EXACT_ROW, 2, best_mapping())
+    assert (int(ended), end.lanes.status.tolist()) == (2, [Status.OK])
 
 
 # --- rocking --------------------------------------------------------------------------------------------------------
