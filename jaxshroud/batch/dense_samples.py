@@ -10,7 +10,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.batch.lanes import Sampled, lane_models, sampled
+from jaxshroud.batch.lanes import Sampled, lane_models, lanes_first, lanes_last, sampled
 from jaxshroud.batch.periods import Clock, with_clock_reset
 from jaxshroud.batch.sampling import (
     EventStates,
@@ -24,7 +24,7 @@ from jaxshroud.batch.sampling import (
     sampled_now,
     turns_of,
 )
-from jaxshroud.batch.xla import best_mapping, compiled
+from jaxshroud.batch.xla import best_mapping, compiled, vmapped
 from jaxshroud.cache.programs import kept
 from jaxshroud.march.carry import EachLane, Fixed, Lane
 from jaxshroud.march.method import Choices
@@ -32,7 +32,6 @@ from jaxshroud.march.stepper import DenseOutput, stepper_for
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
-from jaxshroud.model.row import alone, at_only_interface, prepared_row, state_of_row
 from jaxshroud.scene.scene import Scene
 
 DENSE_TRIALS_PER_CALL = 256
@@ -163,19 +162,17 @@ def _samples_at(
 def _interpolated(
     scenes: Scene, trials: DenseTrial, index, at, clock: Clock, dense: DenseOutput, forces: bool
 ) -> Sampled:
-    def one_lane(scene: Scene, trials: DenseTrial, index, at) -> Sampled:
-        model = prepared_row(scene)
-
-        def one(index, at) -> Sampled:
-            own = jax.tree.map(lambda a: a[index], trials)
-            z = dense.motion(own.interpolant, scene.drive.period, clock.per_period, at)
-            state = state_of_row(State(z, own.u_s, own.mode, own.case))
-            turns = (clock.start + (own.step + own.steps_into + at) / clock.per_period).astype(own.length.dtype)
-            return sampled(state, own.status, turns, model, alone, forces)
-
-        return jax.vmap(one)(index, at)
-
-    return jax.vmap(one_lane)(scenes, trials, index, at)
+    """`_samples_at` of as many evaluations of each lane: each is a lane by itself."""
+    lanes, evaluations = index.shape
+    place = jnp.arange(lanes)[:, None]
+    own = lanes_last(jax.tree.map(lambda a: a[place, index].reshape(-1, *a.shape[2:]), trials))
+    model, period = jax.tree.map(lambda a: jnp.repeat(a, evaluations, axis=-1), lane_models(scenes))
+    at = at.reshape(-1)
+    z = dense.motion(own.interpolant, period, clock.per_period, at)
+    into = own.step.astype(at.dtype) + own.steps_into + at
+    turns = (clock.start + into / clock.per_period).astype(own.length.dtype)
+    states = sampled(State(z, own.u_s, own.mode, own.case), own.status, turns, model, vmapped, forces)
+    return jax.tree.map(lambda a: a.reshape(lanes, evaluations, *a.shape[1:]), states)
 
 
 @compiled("method", "each", "forces", "events")
@@ -191,13 +188,13 @@ def _dense_trials(
     def one(carry):
         lanes, left = carry
         fixed = Fixed(model, grids, jnp.minimum(lanes.step + left, clock.steps))
-        tried, interpolants = each(lambda lane, fixed: dense.trial(lane, fixed, method), lanes, fixed)
+        tried, interpolants = dense.trial(lanes, fixed, method, each)
         ahead = dense.update(lanes, tried, fixed, method, each)
         trials = DenseTrial(
-            interpolant=interpolants,
-            u_s=at_only_interface(lanes.state.u_s),
-            mode=at_only_interface(lanes.state.mode),
-            case=at_only_interface(lanes.state.case),
+            interpolant=lanes_first(interpolants),
+            u_s=lanes_first(lanes.state.u_s),
+            mode=lanes_first(lanes.state.mode),
+            case=lanes_first(lanes.state.case),
             status=ahead.status,
             step=lanes.step,
             steps_into=lanes.search.done,
@@ -210,7 +207,8 @@ def _dense_trials(
         ahead = with_clock_reset(ahead, ahead.step == clock.steps)
         return (ahead, left - trials.whole), trials
 
-    return _scan_in_columns(one, (lanes, left), DENSE_TRIALS_PER_CALL)
+    (lanes, left), trials = _scan_in_columns(one, (lanes_last(lanes), left), DENSE_TRIALS_PER_CALL)
+    return (lanes_first(lanes), left), trials
 
 
 def _scan_in_columns(one: Callable[[Any], tuple[Any, Any]], carry: Any, length: int) -> tuple[Any, Any]:

@@ -115,7 +115,7 @@ def rollout(
     require_single_scene("rollout", scene)
     require_points("rollout", scene.contact.points)
     scene, state = _in_method_precision(scene, state, schedule.method)
-    require_march(scene, schedule.method)
+    require_march(scene, as_differentiable(schedule.method))
     begin = admit(scene, state, schedule.steps, schedule.method)
     return _as_rollout(sampled_moments(begin, schedule), save, begin)
 
@@ -172,7 +172,7 @@ def most_trials(
     require_single_scene("most_trials", scene)
     require_points("most_trials", scene.contact.points)
     schedule = _schedule(n_periods, None, method, MAX_COUNT)
-    require_march(scene, schedule.method)
+    require_march(scene, as_differentiable(schedule.method))
     schedule = schedule._replace(method=as_differentiable(schedule.method))
     counts = trial_counts(*one_lane(_in_method_precision(scene, state, schedule.method)), schedule)
     if is_traced(counts):
@@ -237,7 +237,7 @@ def period_map(
         count_argument("most_trials", most_trials, 1)
     steps, how = explicit(method)
     scene, state = (in_precision(tree, how.precision) for tree in (scene, state))
-    require_march(scene, how)
+    require_march(scene, as_differentiable(how))
     how = as_differentiable(how)
     begin = admit(scene, state, steps, how)
     if scene.parts.contact == "smooth":

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int
 
+from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.marches import require_march
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.batch.pure_functions import SweepPlan, lane_outcomes
@@ -90,7 +91,7 @@ def sweep_function(
                 "A sweep function takes scenes with one leading axis, as of js.scenes_from; or use js.rollout."
             )
         require_points("sweep_function", scenes.contact.points)
-        require_march(scenes, plan.method)
+        require_march(scenes, as_differentiable(plan.method))
         scenes = in_precision(scenes, plan.method.precision)
         begin = initial_states(scenes) if states is None else in_precision(states, plan.method.precision)
         lanes = jax.vmap(lambda scene, state: admit(scene, state, plan.steps, plan.method))(scenes, begin)

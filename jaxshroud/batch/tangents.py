@@ -17,6 +17,7 @@ from jaxshroud.batch.differentiable_samples import Schedule, samples_with_tangen
 from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.flows import begin_flows, end_flows, flow_with_tangents, lanes_per_flow
 from jaxshroud.batch.limits import CallPace, check_memory
+from jaxshroud.batch.marches import require_march
 from jaxshroud.batch.periods import CallLimits, first_passes
 from jaxshroud.batch.plan import Tick
 from jaxshroud.batch.states import from_vector, in_scene_precision, initial_states, motion_rows, to_vector
@@ -28,7 +29,6 @@ from jaxshroud.model.prepared import State
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, worked_out
 from jaxshroud.scene.keys import find_key, number_shape
-from jaxshroud.scene.layout import require_steps
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.vary import field_of, given_of, numbers_of
 
@@ -39,7 +39,7 @@ def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Choices, tu
     Numbers of blades have a last axis of them; a row's means are of all blades, those of the pair of the left block.
     With `turns` (lanes,) they run as many drive periods each, of any length, `n` times; `steps` are those of a period.
     """
-    require_steps(scenes.value.parts.contact)
+    require_march(scenes.value, method)
     lanes = len(scenes.value.drive.omega)
     few, many = lanes_per_flow(scenes.value.layout)
     width = many if lanes > 2 * few else few

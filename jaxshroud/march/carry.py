@@ -21,16 +21,14 @@ from jaxshroud.march.events import (
     LIFT,
     TURN,
     Transition,
-    evaluate_guards,
     happens,
     transition,
 )
 from jaxshroud.march.method import FLAT_RETURN, Choices
 from jaxshroud.march.method_names import Locate
 from jaxshroud.march.observable import Lift
-from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, where
+from jaxshroud.model.arithmetic import Scalar, where
 from jaxshroud.model.contact_law import starts_in_overlap
-from jaxshroud.model.drive import Waves
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State, touches_at_corners
@@ -199,23 +197,6 @@ class EventChange(NamedTuple):
     jumps: EnergyJumps  # 0 without an event
 
 
-def event_change(
-    z: Motion,
-    Q: Waves,
-    start: State,
-    fire: Bool[Array, ""],
-    kind: Int[Array, ""],
-    delay: Scalar,
-    fixed: Fixed[Model],
-    events: Events = BUILT_IN_EVENTS,
-) -> EventChange:
-    """The change of a lane at the motion `z`, where the event of number `kind` happens if `fire` is true."""
-    model = fixed.model
-    soon = fixed.grid.flat * fixed.grid.h
-    view = evaluate_guards(z, Q, start, model, events)
-    return change_at(view, z, start, fire, kind, delay, soon, model, events=events)
-
-
 def change_at(
     view: GuardEvaluation,
     z: Motion,
@@ -228,7 +209,10 @@ def change_at(
     rocks: Bool[Array, ""] | None = None,
     events: Events = BUILT_IN_EVENTS,
 ) -> EventChange:
-    """`event_change` where the guards are known already; `soon` and `rocks` as of `transition`."""
+    """The change at the motion `z`, where the event of number `kind` happens if `fire` is true.
+
+    `soon` and `rocks` are as of `transition`.
+    """
     change = transition(z, start, view, kind, delay, soon, model, rocks, events)
     lift = fire & _lifts(kind, start, change)
     apart = interface_mode(start.mode) == Mode.APART
@@ -259,16 +243,6 @@ def updated_margins(
         slowest = where(switched, jnp.minimum(slowest, speed), slowest)
     onset = where(change.lift.impact, jnp.minimum(before.slowest_onset, rate.v), before.slowest_onset)
     return EventMargins(before.events + fire.astype(jnp.int32), onset, slowest)
-
-
-def is_finite(z: Motion) -> Bool[Array, ""]:
-    """Whether all numbers are finite."""
-    return jnp.isfinite(sum(jax.tree.leaves(z)))  # a sum with a number that is not finite is not finite
-
-
-def turned_too_far(z: Motion, lost: Bool[Array, ""]) -> Bool[Array, ""]:
-    """Whether a block has turned too far at the motion `z` of a pair, or that is `lost`."""
-    return any_of([lost, *(jnp.abs(theta) > ANGLE_RANGE for theta in jax.tree.leaves(z.theta))])
 
 
 def status_of(turned: Bool[Array, "..."], lost: Bool[Array, "..."], too_many: Bool[Array, "..."]) -> Int[Array, "..."]:

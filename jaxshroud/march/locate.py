@@ -164,11 +164,14 @@ def judge_trial(search: Search, outcome: TrialOutcome, h: Scalar, method: Choice
     hit = outcome.hit
     if method.locate == "none":
         return LocationDecision(jnp.ones_like(hit), hit, jnp.zeros_like(hit), search.length * h, search)
-    probes = (search.low == 0) & ~search.probing & (outcome.top < 1)
+    finest = event_tolerance(jnp.ones_like(hit), method, h.dtype)
+    # within a shorter trial a maximum would be looked for again and again, as the clock does not move
+    seen = search.length > finest
+    probes = (search.low == 0) & ~search.probing & (outcome.top < 1) & seen
     bracketing, move_low = (search.bracketing | hit) & ~probes, search.bracketing & ~hit & ~probes
     high = where(hit, search.length, search.high)
     below = where(move_low, search.length, search.low)
-    finest, tolerance = (event_tolerance(jumps, method, high.dtype) for jumps in (jnp.ones_like(hit), outcome.jumps))
+    tolerance = event_tolerance(outcome.jumps, method, high.dtype)
     target = outcome.target
     low = outcome.low
     next_end = (below + high) / 2

@@ -3,7 +3,7 @@
 What is logged, and how, stands in `logged`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -28,11 +28,9 @@ from jaxshroud.model.row import (
     OfInterfaces,
     RowModel,
     alone,
-    at_interface,
     of_left_blade,
     over,
     pair_states,
-    unrolled_places,
 )
 from jaxshroud.scene.keys import Motion
 
@@ -99,19 +97,11 @@ def value_in(log: Log, name: str) -> Any:
     return log.own[name] if name in log.own else getattr(log, name)
 
 
-def found_by_series(contact: ContactSeries, blades: Sequence[MotionSeries], method: Choices) -> dict[str, Any]:
-    """What each observable reads off the polynomials of a trial, at the interface or of each blade, by their names."""
-
-    def found(one: Observable) -> Any:
-        read = one.of_series
-        assert read is not None
-        return (
-            at_interface(read(contact))
-            if one.per == "interface"
-            else unrolled_places([read(blade) for blade in blades])
-        )
-
-    return {one.name: found(one) for one in observables_of(method) if one.of_series is not None}
+def found_by_series(inside: ContactSeries | MotionSeries, method: Choices) -> dict[str, Any]:
+    """What each observable reads off the polynomials of a trial at one interface, or of one blade, by their names."""
+    is_contact = isinstance(inside, ContactSeries)
+    readers = {one.name: one.of_series for one in observables_of(method) if (one.per == "interface") == is_contact}
+    return {name: read(inside) for name, read in readers.items() if read is not None}
 
 
 def penetrations(state: State, model: RowModel, each: Each) -> OfInterfaces:

@@ -130,15 +130,21 @@ def new_accumulator(nothing: Integrals, state: State, model: RowModel, method: C
     return Accumulator(nothing, EnergyJumps(at, lanes) if method.ledger else None, log, margins)
 
 
+class InterfaceEnding(NamedTuple):
+    """How a trial of a row ended, at each interface."""
+
+    fires: Any  # in an event
+    kind: Any  # of that event
+    several: Any  # several guards are violated
+    inside: Any  # at a maximum of the guard within a step
+    delay: Any  # upper bound of the time since the event [s]
+
+
 def interface_change(
     torque: Scalar,
     joint: Scalar,
     start: State,
-    fire: Bool[Array, ""],
-    kind: Int[Array, ""],
-    several: Bool[Array, ""],
-    inside: Bool[Array, ""],
-    delay: Scalar,
+    ending: InterfaceEnding,
     grid: TimeGrid,
     counted: dict[str, Any],
     margins: EventMargins | None,
@@ -146,10 +152,11 @@ def interface_change(
     model: Model,
     method: Choices,
 ) -> InterfaceChange:
-    """The change of one interface whose trial ended in `start`, and at an event there if `fire` is true.
+    """The change of one interface whose trial ended in `start`, and perhaps in an event there.
 
     With `counted`, the values of the observables that take the event, before it.
     """
+    fire, kind, several, inside, delay = ending
     if not is_zero(joint):
         model = eqx.tree_at(lambda m: m.mobility.joint, model, joint)
     view = interface_view(torque, start, model, method.all_events)
@@ -162,7 +169,7 @@ def interface_change(
     becomes_flat = fire & (case == FLAT) & (start.case != FLAT)
     turned = any_of(case_switches(kind, events))
     springs, v = lax.stop_gradient((change.jumps.springs, view.at.v))
-    ending = Ending(change.transition, fire, inside)
+    counting = Ending(change.transition, fire, inside)
     takers = [one for one in takers_of_events(method) if one.name in counted]
     return InterfaceChange(
         u_s,
@@ -172,7 +179,7 @@ def interface_change(
         None if turns is None else turns + (fire & turned).astype(jnp.int32),
         fire & (several | turned | (case == FLAT)),
         springs,
-        {one.name: one.update(counted[one.name], ending) for one in takers},
+        {one.name: one.update(counted[one.name], counting) for one in takers},
         v,
         updated_margins(margins, change, fire, model),
         change.lift if takers_of_one("interface", method) else None,
@@ -214,7 +221,7 @@ def judge_row_trial(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method:
     crossing = RowCrossing(fires, outcome.kind, decision.fire, decision.delay, None)
     if method.derivative:
         crossing = one_after_the_other(crossing, lane, of_row.crossed.place, grid.h, method)
-    return RowVerdict(decision, outcome, crossing, torque, joint, ~_is_finite(end.state))
+    return RowVerdict(decision, outcome, crossing, torque, joint, ~is_finite_row(end.state))
 
 
 def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -> Lane:
@@ -255,9 +262,17 @@ def _after_trial(
     repeated = decision.search._replace(done=lane.search.done, pending=lane.search.pending, turns=lane.search.turns)
     active = running(lane, stop)
     accept = decision.accept | (verdict.not_finite & active)
-    change = _change_of_row(lane, end, verdict, fixed, method, each)
+    crossing = verdict.crossing
+    ending = InterfaceEnding(
+        fires=crossing.fires,
+        kind=crossing.kind,
+        several=verdict.outcome.several,
+        inside=lane.search.inside,
+        delay=crossing.delay,
+    )
+    change = changes_of_row(lane, end.state, (verdict.torque, verdict.joint), ending, fixed, method, each)
     after = State(end.state.motion, change.u_s, change.mode, change.case)
-    after, dropped = _as_flat(after, change.becomes_flat, model, each)
+    after, dropped = as_flat(after, change.becomes_flat, model, each)
     guards = row_guards(*lax.stop_gradient((after, end.wave, model)), each, method.all_events)
     guards, waiting = _guards_after_events(guards, lane, verdict, method)
     guards = select(decision.fire, guards, verdict.outcome.guards)
@@ -285,7 +300,7 @@ def _after_trial(
     accumulator = updated_accumulator(lane.accumulator, trial, model, method, each)._replace(margins=change.margins)
     limit = most_events(grid, model.turns_by_events) * len(verdict.outcome.hit)
     too_many = next_search.events > limit
-    status = status_of(_turned(after, verdict.not_finite, model), verdict.not_finite, too_many)
+    status = status_of(row_turned(after, verdict.not_finite, model), verdict.not_finite, too_many)
     status = where(accept, status, Status.OK).astype(jnp.int32)
     later = Lane(after, step, next_search, guards, accumulator, status)
     return lane_after(lane, later, accept, decision.move_low, active, repeated)
@@ -306,23 +321,18 @@ def _of_events(log: Log | None, method: Choices) -> dict[str, Any]:
     return {} if log is None else {one.name: value_in(log, one.name) for one in takers_of_events(method)}
 
 
-def _change_of_row(
-    lane: Lane, end: RowStepEnd, verdict: RowVerdict, fixed: Fixed[RowModel], method: Choices, each: Each
+def changes_of_row(
+    lane: Lane, end: State, torques: tuple[Any, Any], ending: InterfaceEnding, fixed: Fixed, method: Choices, each: Each
 ) -> InterfaceChange:
-    """The change of each interface."""
-    model, grid, crossing, log = fixed.model, fixed.grid, verdict.crossing, lane.accumulator.log
+    """The change of each interface where a trial ended in the state `end`; for its `torques` see `row_torques`."""
+    model, log = fixed.model, lane.accumulator.log
     return over(
         each,
         partial(interface_change, method=method),
-        verdict.torque,
-        verdict.joint,
-        pair_states(end.state, model),
-        crossing.fires,
-        crossing.kind,
-        verdict.outcome.several,
-        lane.search.inside,
-        crossing.delay,
-        lax.stop_gradient(grid),
+        *torques,
+        pair_states(end, model),
+        ending,
+        lax.stop_gradient(fixed.grid),
         _of_events(log, method),
         lane.accumulator.margins,
         lane.search.turns,
@@ -330,7 +340,7 @@ def _change_of_row(
     )
 
 
-def _as_flat(state: State, becomes_flat: FlagOfInterfaces, model: RowModel, each: Each) -> tuple[State, OfLanes]:
+def as_flat(state: State, becomes_flat: FlagOfInterfaces, model: RowModel, each: Each) -> tuple[State, OfLanes]:
     """The state once the blocks of new flat faces turn as one with their clusters, and the energy that is lost [J].
 
     The angular momentum of each cluster is kept.
@@ -359,11 +369,12 @@ def no_time(state: State) -> OfLanes:
     return jnp.zeros_like(first[0])
 
 
-def _is_finite(state: State) -> Bool[Array, "..."]:
+def is_finite_row(state: State) -> Bool[Array, "..."]:
+    """Whether all numbers of the motion are finite."""
     return jnp.isfinite(sum(total(a) for a in jax.tree.leaves(state.motion, is_leaf=is_unrolled)))
 
 
-def _turned(state: State, lost: Bool[Array, "..."], model: RowModel) -> Bool[Array, "..."]:
+def row_turned(state: State, lost: Bool[Array, "..."], model: RowModel) -> Bool[Array, "..."]:
     """Whether a block has turned too far, or the motion is `lost`."""
     theta: Any = model.blades.shroud(state.motion).theta
     if is_unrolled(theta):
@@ -394,7 +405,7 @@ def _without_events(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method:
         events=_of_events(lane.accumulator.log, method),
     )
     accumulator = updated_accumulator(lane.accumulator, trial, model, method, each)
-    lost = ~_is_finite(end.state)
-    status = status_of(_turned(end.state, lost, model), lost, no)
+    lost = ~is_finite_row(end.state)
+    status = status_of(row_turned(end.state, lost, model), lost, no)
     later = Lane(end.state, step, next_search, None, accumulator, status)
     return lane_after(lane, later, active, no, active, lane.search)

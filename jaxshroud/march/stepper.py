@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from jaxshroud.march.carry import EachLane, Fixed, Lane, LaneTree
+from jaxshroud.march.carry import EachLane, Lane, LaneTree
 from jaxshroud.march.method import Choices
 from jaxshroud.march.row_trial import begin_runge_kutta, row_trial
 from jaxshroud.march.tableau import TaylorOptions
@@ -11,7 +11,7 @@ from jaxshroud.march.taylor_trial import (
     begin_series,
     motion_in_trial,
     taylor_trials,
-    trial_and_series,
+    trials_and_series,
     update_after_taylor,
 )
 from jaxshroud.model.arithmetic import Scalar
@@ -24,8 +24,8 @@ from jaxshroud.scene.keys import Motion
 class DenseOutput(NamedTuple):
     """The motion inside the trials, where the stepper knows it."""
 
-    trial: Callable[[Lane, Fixed[RowModel], Choices], tuple[Any, Any]]
-    """(lane, constants, method) -> the next trial of one lane, and the interpolant there."""
+    trial: Callable[[LaneTree, LaneTree, Choices, EachLane], tuple[Any, Any]]
+    """(lanes, constants, method, each) -> the next trials of lanes, and the interpolants there."""
     update: Callable[[LaneTree, LaneTree, LaneTree, Choices, EachLane], LaneTree]
     """(lanes, trials, constants, method, each) -> the lanes after these trials."""
     motion: Callable[[Any, Scalar, Scalar, Scalar], Motion]
@@ -58,7 +58,7 @@ RUNGE_KUTTA = Stepper(begin_runge_kutta, row_trial, None, lambda law: True, larg
 POWER_SERIES = Stepper(
     begin_series,
     taylor_trials,
-    DenseOutput(trial_and_series, update_after_taylor, motion_in_trial),
+    DenseOutput(trials_and_series, update_after_taylor, motion_in_trial),
     lambda law: law.by_series,
     large_kernels=True,
 )

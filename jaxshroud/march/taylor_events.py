@@ -49,16 +49,17 @@ class TrialEvent(NamedTuple):
 
 
 class TaylorSearch(NamedTuple):
-    """The search of a lane inside its current step, with the outcome of the previous trial."""
+    """The search of a lane inside its current step, with the outcome of the previous trial; of a row for each lane."""
 
     done: Scalar  # of the step
     cap: Scalar  # bound of the length of the trial after a rejected one [rad]
     recheck: Bool[Array, ""]  # guards may have jumped: a guard above zero is crossed at once,
-    crossed: Int[Array, ""]  # except for this kind, which was crossed just now; -1: none
-    probing: Bool[Array, ""]  # the trial has ended at the maximum of a guard
+    crossed: Any  # except for this kind, which was crossed at an interface just now; -1: none
+    probing: Any  # the trial has ended at the maximum of a guard of an interface
     events: Int[Array, ""]  # in this step
     tries: Int[Array, ""]  # rejected trials in a row
     tolerance: Scalar  # last terms of the speeds over the largest speed
+    turns: Any = None  # at each interface of a row whose blocks turn: changes of case within this step
 
     @property
     def differentiable(self) -> tuple[Any, ...]:

@@ -4,39 +4,43 @@ The motion of the lane is expanded once. The last coefficients bound the length 
 guard that rises first and the motion there: no trial is repeated to locate an event.
 """
 
-from functools import reduce
+from functools import partial, reduce
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.march.accumulator import EnergyJumps, displacements_of
+from jaxshroud.march.accumulator import EnergyJumps
 from jaxshroud.march.carry import (
     NEGLIGIBLE_REST,
     EachLane,
     Fixed,
     Lane,
     LaneTree,
-    event_change,
-    is_finite,
+    TimeGrid,
     most_events,
     running,
     status_of,
-    turned_too_far,
     updated_lanes,
-    updated_margins,
 )
-from jaxshroud.march.event import any_of, case_switches
-from jaxshroud.march.events import EVENTS, LIFT, happens, number_of
-from jaxshroud.march.extremes import ContactSeries, MotionSeries, deepest_penetration
+from jaxshroud.march.event import any_of
+from jaxshroud.march.events import HEIGHT, LIFT, RUB, TURN, number_of
 from jaxshroud.march.locate import at_event, select
-from jaxshroud.march.log import AcceptedTrial, found_by_series, takers_of_events, updated_accumulator, value_in
+from jaxshroud.march.log import AcceptedTrial, updated_accumulator
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observable import Ending
-from jaxshroud.march.row_trial import new_accumulator, no_time
+from jaxshroud.march.row_guards import row_torques
+from jaxshroud.march.row_step import OfLanes
+from jaxshroud.march.row_trial import (
+    InterfaceEnding,
+    as_flat,
+    changes_of_row,
+    is_finite_row,
+    new_accumulator,
+    no_time,
+    row_turned,
+)
 from jaxshroud.march.taylor_events import (
     TaylorSearch,
     TrialEvent,
@@ -47,35 +51,54 @@ from jaxshroud.march.taylor_events import (
 )
 from jaxshroud.march.taylor_expansion import (
     RADIANS_PER_TURN,
+    Coefficients,
+    FaceSeries,
     TaylorExpansion,
-    integrated_loads,
-    integrated_means,
-    integrated_moments,
-    integrated_squares,
-    integrated_works,
+    blades_of,
+    faces_of,
+    seconds_per_radian,
     taylor_expansion,
-    without_derivatives,
+    wave_at,
+    whole_row,
 )
-from jaxshroud.model.arithmetic import ZERO, Scalar, filled, is_zero, of_blade, sincos_turns, where, zeros_for
+from jaxshroud.march.taylor_integrals import OfBlade, SlidingSeries, TrialSpan, motion_after, read_off
+from jaxshroud.model.arithmetic import (
+    ZERO,
+    Scalar,
+    any_along,
+    greatest,
+    is_unrolled,
+    is_zero,
+    least,
+    where,
+    zeros_for,
+)
 from jaxshroud.model.contact_law import linear_law
-from jaxshroud.model.drive import drive_waves
-from jaxshroud.model.modes import FLAT, Mode
-from jaxshroud.model.prepared import Model, State, touches_at_corners
+from jaxshroud.model.modes import Mode
+from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import Integrals
-from jaxshroud.model.row import (
-    RowModel,
-    alone,
-    along_blades,
-    at_interface,
-    at_only_interface,
-    row_rhs,
-    state_of_row,
-)
-from jaxshroud.model.series import polynomial_value_and_rate
+from jaxshroud.model.row import Each, RowModel, alone, over, row_rhs
+from jaxshroud.model.row_program import of_row
+from jaxshroud.model.series import coefficients, polynomial_value_and_rate
 from jaxshroud.scene.keys import Motion
 
 MAX_TRIAL_ANGLE = 0.5  # [rad] of a trial, so that guards are evaluated often enough
 NEGLIGIBLE_SPEED = 1e-30  # a speed that does not matter [m/rad]
+# Share of a trial within which events are at one instant, by the bytes of a number: symmetry makes them so, up to the
+# rounding of their roots.
+SIMULTANEOUS = {8: 2.0**-44, 4: 2.0**-16}
+
+
+class SeriesOutcome(NamedTuple):
+    """Where a trial ends, and in what."""
+
+    end: OfLanes  # [rad]; of a rejected one the bound of the next
+    reject: Bool[Array, "..."]
+    fires: Any  # of each interface: whether it ends in an event there, and so on for the next
+    kind: Any  # of the event, or of the guard that ended the trial
+    which: Any  # index of that guard
+    probe: Any  # see `TrialEvent`
+    inside: Any
 
 
 class TaylorTrial(NamedTuple):
@@ -83,10 +106,9 @@ class TaylorTrial(NamedTuple):
 
     motion: Motion
     gain: Integrals
-    length: Scalar  # in steps
-    kind: Int[Array, ""]  # of the event, or of the guard that ended the trial
-    event: TrialEvent  # its `end` in radians
-    deepest: Scalar | None  # largest penetration [m]; None with derivatives
+    length: OfLanes  # in steps
+    outcome: SeriesOutcome
+    deepest: Any  # largest penetration at each interface [m]; None with derivatives
     by_series: dict[str, Any] | None  # what each observable reads off the polynomials; None with derivatives
 
     @property
@@ -95,7 +117,7 @@ class TaylorTrial(NamedTuple):
         return self.motion, self.gain, self.length
 
 
-DisplacementSeries = tuple[Any, Any, Any]  # coefficients of x, y and theta, of both blades
+DisplacementSeries = tuple[Any, Any, Any]  # coefficients of x, y and theta along the blades
 
 
 def begin_series(state: State, model: RowModel, method: Choices, each: EachLane) -> Lane:
@@ -105,152 +127,185 @@ def begin_series(state: State, model: RowModel, method: Choices, each: EachLane)
     yes = jnp.ones(zero.shape, bool)
     waves = zero, zero
     nothing = zeros_for(lambda: row_rhs(waves, state, None, model, method.recorded, each)[1])
+    at = jax.tree.map(jnp.zeros_like, state.case)
     search = TaylorSearch(
         done=zero,
         cap=zero,
         recheck=yes,
-        crossed=count - 1,
-        probing=~yes,
+        crossed=at - 1,
+        probing=at != 0,
         events=count,
         tries=count,
         tolerance=zero + method.taylor.tolerance,
+        turns=at if model.turns_by_events and len(at) > 1 else None,
     )
     return Lane(state, count, search, None, new_accumulator(nothing, state, model, method, each), count)
 
 
 def taylor_trials(lanes: LaneTree, fixed: LaneTree, method: Choices, each: EachLane) -> LaneTree:
-    """`Stepper.trial`: the trials in one kernel, and what follows from them in another."""
-    trials = each(lambda lane, fixed: trial_and_series(lane, fixed, method)[0], lanes, fixed)
+    """`Stepper.trial`: the trials of pairs in one kernel, and what follows from them in another."""
+    trials, _ = trials_and_series(lanes, fixed, method, each)
     return update_after_taylor(lanes, trials, fixed, method, each)
 
 
-def _of_pair(lane: Lane, fixed: Fixed[RowModel]) -> tuple[Lane, Fixed[Model]]:
-    """A lane and its constants as those of a pair, without the accumulator."""
-    motion, model = lane.state.motion, fixed.model.pair
-    motion = Motion._make((ZERO, ZERO) if is_zero(a) else tuple(a) for a in motion)
-    u_s, mode, case = at_only_interface((lane.state.u_s, lane.state.mode, lane.state.case))
-    state = State(motion, u_s, mode, case)
-    return eqx.tree_at(lambda lane: lane.state, lane, state), Fixed(model, fixed.grid, fixed.stop)
+def trials_and_series(
+    lanes: LaneTree, fixed: LaneTree, method: Choices, each: EachLane
+) -> tuple[LaneTree, DisplacementSeries]:
+    """The next trials of lanes, and their displacements as polynomials in radians from the start."""
+    if not _are_pairs(lanes):
+        return _trial_and_series(lanes, fixed, method, each)
+    return each(partial(_trial_and_series, method=method, each=alone), lanes, fixed)
 
 
 def update_after_taylor(
     lanes: LaneTree, trials: LaneTree, fixed: LaneTree, method: Choices, each: EachLane
 ) -> LaneTree:
     """The lanes after their trials."""
-
-    def update(lane, trial, fixed):
-        return lane_after_trial(lane, trial, fixed, method)
-
+    if not _are_pairs(lanes):
+        return _lane_after_trial(lanes, trials, fixed, method, each)
+    update = partial(_lane_after_trial, method=method, each=alone)
     return updated_lanes(update, method, each, lanes, trials, fixed)
 
 
-def trial_and_series(row: Lane, constants: Fixed[RowModel], method: Choices) -> tuple[TaylorTrial, DisplacementSeries]:
-    """The next trial of a lane, and its displacements as polynomials in radians from the start."""
+def _are_pairs(lanes: LaneTree) -> bool:
+    """Whether lanes, or those of a `Dual`, are unrolled pairs."""
+    return is_unrolled(getattr(lanes, "value", lanes).state.case)
+
+
+def _trial_and_series(
+    lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each
+) -> tuple[TaylorTrial, DisplacementSeries]:
     order = method.taylor.order
-    lane, fixed = _of_pair(row, constants)
-    expansion = taylor_expansion(lane, fixed, order, method.ledger)
+    expansion = taylor_expansion(lane, fixed, order, each)
     step = RADIANS_PER_TURN * fixed.grid.turn
+    seen = (expansion, lane, fixed)
+    outcome = trial_outcome(*(lax.stop_gradient(seen) if method.derivative else seen), order, each)
+    s = where(outcome.reject, 0.0, outcome.end)
     if method.derivative:
-        event, kind = _trial_event(without_derivatives(expansion), *lax.stop_gradient((lane, fixed)), order)
-    else:
-        event, kind = _trial_event(expansion, lane, fixed, order)
-    s = where(event.reject, 0.0, event.end)
-    if method.derivative:
-        s = _differentiable_end(expansion, order, event, s, _remaining_angle(lane, fixed))
-    displacements = jax.tree.map(lambda a: a.coefficients(order), displacements_of(expansion.motion))
-    deepest, by_series = (None, None)
-    if not method.derivative:
-        deepest, by_series = _found_in_trial(expansion, s, lane, event, kind, fixed, method)
+        s = _differentiable_end(expansion.faces, lane, fixed, outcome, s)
+    state, model = lane.state, fixed.model
+    contact = State(None, state.u_s, state.mode, state.case)
+    events = outcome.fires, outcome.kind
 
-    def loads():
-        return integrated_loads(expansion, order, s, lane.state, linear_law(fixed.model.law))
+    def read(span, of_blades, of_faces):
+        (own, blades), (faces, contact, events, constants) = of_blades, of_faces
+        return read_off(span, own, faces, contact, events, whole_row(blades, constants), method)
 
-    gain = Integrals(
-        power=along_blades(integrated_squares(expansion, order, s, fixed.model)),
-        ledger=integrated_works(expansion, order, s),
-        moments=along_blades(integrated_moments(expansion, order, s)) if method.amplitudes else None,
-        loads=at_interface(loads()) if method.forces else None,
-        means=at_interface(integrated_means(expansion, order, s)) if method.vibration else None,
-    )
+    own = OfBlade(*expansion[:-1])
+    wave = wave_at(lane.step, lane.search.done, fixed.grid, each)
+    span = TrialSpan(s, seconds_per_radian(fixed), wave)
+    of_faces = expansion.faces, contact, events, faces_of(model)
+    reading = of_row(each, read, span, (own, blades_of(model)), of_faces)
     trial = TaylorTrial(
-        motion=motion_after(displacements, expansion.unit, s),
-        gain=gain,
+        motion=reading.motion,
+        gain=reading.gain,
         length=s / step,
+        outcome=outcome,
+        deepest=reading.deepest,
+        by_series=reading.by_series,
+    )
+    return trial, (own.x, own.y, own.theta)
+
+
+def trial_outcome(
+    expansion: TaylorExpansion, lane: Lane, fixed: Fixed[RowModel], order: int, each: Each
+) -> SeriesOutcome:
+    """Where the next trial ends, and in what: at the first event over all interfaces, if there is one.
+
+    No guard of any interface rises unseen before that place, as none does before the first event of its own interface.
+    """
+    search, faces = lane.search, expansion.faces
+    terms = _largest_terms(expansion, fixed, order, each)
+    returns = _shortest_return(faces, each)
+    times = lane.step, fixed.stop, fixed.grid
+    length_of = partial(_trial_length, order=order)
+    h = each(length_of, terms, returns, search.done, search.tolerance, search.tries, search.cap, *times)
+    contact = lane.state.u_s, lane.state.mode
+    model = fixed.model.interfaces
+    before = search.crossed, search.probing, search.recheck, search.tries
+    event, kind = over(each, _first_event_of_face, faces, contact, before, h, model)
+    first = least(event.end)
+    here = event.end <= first + SIMULTANEOUS[h.dtype.itemsize] * h
+    reject = any_along(event.reject)
+    return SeriesOutcome(
+        end=greatest(where(here, event.end, 0.0)),
+        reject=reject,
+        fires=here & event.fire & ~reject,
         kind=kind,
-        event=event,
-        deepest=deepest,
-        by_series=by_series,
+        which=event.which,
+        probe=here & event.probe & ~reject,
+        inside=event.inside,
     )
-    return trial, displacements
 
 
-def _trial_event(
-    expansion: TaylorExpansion, lane: Lane, fixed: Fixed[Model], order: int
-) -> tuple[TrialEvent, Int[Array, ""]]:
-    """The event that ends the trial, and its kind."""
-    search, grid = lane.search, fixed.grid
-    h = jnp.minimum(
-        _accurate_length(expansion, order, search.tolerance, fixed), jnp.maximum(_remaining_angle(lane, fixed), 0.0)
-    )
-    rocking = [g.coefficients(2) for kind, g in expansion.guards if EVENTS[kind].switches_case]
-    shortest = grid.flat * RADIANS_PER_TURN * grid.turn  # what returns sooner counts as flat contact
-    resolved = jnp.maximum(return_length(rocking, h), shortest)
-    h = jnp.minimum(h, resolved)
-    h = where(search.tries > 0, jnp.minimum(h, search.cap), h)
-    return _first_event_of_kind(expansion, order, h, search)
+class LargestTerms(NamedTuple):
+    """The largest coefficients of the displacements [m]; theta counts as the displacement of a corner."""
+
+    speed: Any  # the largest of orders 1 to 3
+    last: Any
+    before: Any  # the last but one
 
 
-def _remaining_angle(lane: Lane, fixed: Fixed[Model]) -> Scalar:
-    """The angle until the march stops [rad]."""
-    turn = fixed.grid.turn
-    return ((fixed.stop - lane.step).astype(turn.dtype) - lane.search.done) * (RADIANS_PER_TURN * turn)
+def _largest_terms(expansion: TaylorExpansion, fixed: Fixed[RowModel], order: int, each: Each) -> LargestTerms:
+    """The largest coefficients over all blades."""
+
+    def of_blade(x: Coefficients, y: Coefficients, theta: Coefficients, lever: Scalar) -> LargestTerms:
+        def largest(n: int) -> Scalar:
+            sizes = [jnp.abs(a[n]) for a in (x, y) if not is_zero(a[0])]
+            sizes += [] if is_zero(theta[0]) else [jnp.abs(lever * theta[n])]
+            return reduce(jnp.maximum, sizes) if sizes else ZERO
+
+        return LargestTerms(reduce(jnp.maximum, map(largest, (1, 2, 3))), largest(order), largest(order - 1))
+
+    lever = fixed.model.interfaces.block.a_x[0]
+    terms = over(each, of_blade, *expansion[:3], lever)
+    return LargestTerms(*(greatest(a) for a in terms))
 
 
-def _differentiable_end(expansion: TaylorExpansion, order: int, event: TrialEvent, s: Scalar, rest: Scalar) -> Scalar:
-    """The end of a trial with its derivative: that of the guard's root or of the remaining angle, else none."""
-    guard = select_polynomial(trimmed([g.coefficients(order) for _, g in expansion.guards], s), event.which)
-    size, rate = polynomial_value_and_rate(guard, s)
-    rate = where(event.fire & (s > 0) & (rate > 0), lax.stop_gradient(rate), jnp.inf)
-    root = at_event(s, jnp.ones_like(s), size, rate)
-    return where(event.fire | event.probe | (s < rest), root, rest)
+def _shortest_return(faces: FaceSeries, each: Each) -> OfLanes | None:
+    """The shortest `return_length` of the guards of the case over all interfaces; None where blocks do not turn."""
+    rocking = [a[:3] for a in (faces.turn, faces.height) if not is_zero(a[0])]
+    if not rocking:
+        return None
+
+    def of_face(guards: list[Coefficients]) -> Scalar:
+        return return_length(guards, jnp.full_like(guards[0][0], MAX_TRIAL_ANGLE))
+
+    return least(over(each, of_face, rocking))
 
 
-def _found_in_trial(
-    expansion: TaylorExpansion,
-    s: Scalar,
-    lane: Lane,
-    event: TrialEvent,
-    kind: Int[Array, ""],
-    fixed: Fixed[Model],
-    method: Choices,
-) -> tuple[Scalar, dict[str, Any]]:
-    """The largest penetration within `s` radians, and what each observable reads off the polynomials."""
-    order = method.taylor.order
-    start = lane.state
-    (motion, v, u, *_) = expansion
-    onset = (start.mode == Mode.APART) & event.fire & happens(kind, LIFT)
-    contact = ContactSeries(v, u, expansion.unit, order, s, start, onset, linear_law(fixed.model.law))
-    blades = [MotionSeries(own, order, s) for own in (of_blade(i, motion)[0] for i in (0, 1))]
-    return deepest_penetration(contact), found_by_series(contact, blades, method)
+def _trial_length(
+    terms: LargestTerms,
+    returns: Scalar | None,
+    done: Scalar,
+    tolerance: Scalar,
+    tries: Int[Array, ""],
+    cap: Scalar,
+    step: Int[Array, ""],
+    stop: Int[Array, ""],
+    grid: TimeGrid,
+    order: int,
+) -> Scalar:
+    """The longest trial that is accurate, and within which rocking is seen [rad]."""
+    rest = jnp.maximum(_remaining_angle(done, step, stop, grid.turn), 0.0)
+    h = jnp.minimum(_accurate_length(terms, order, tolerance), rest)
+    if returns is not None:
+        shortest = grid.flat * RADIANS_PER_TURN * grid.turn  # what returns sooner counts as flat contact
+        h = jnp.minimum(h, jnp.maximum(returns, shortest))
+    return where(tries > 0, jnp.minimum(h, cap), h)
 
 
-def _accurate_length(expansion: TaylorExpansion, order: int, tolerance: Scalar, fixed: Fixed[Model]) -> Scalar:
+def _accurate_length(terms: LargestTerms, order: int, tolerance: Scalar) -> Scalar:
     """The length at which the last terms of the speeds are `tolerance` times the largest speed [rad]."""
-
-    def largest(n):
-        return reduce(jnp.maximum, (jnp.abs(c) for c in _displacement_coefficients(expansion, n, fixed)))
-
-    speed = reduce(jnp.maximum, map(largest, (1, 2, 3)))
-    allowed = tolerance * speed + NEGLIGIBLE_SPEED
-    lengths = [_power(allowed / (n * largest(n) + NEGLIGIBLE_SPEED), 1 / (n - 1)) for n in (order - 1, order)]
+    allowed = tolerance * terms.speed + NEGLIGIBLE_SPEED
+    last = (order - 1, terms.before), (order, terms.last)
+    lengths = [_power(allowed / (n * size + NEGLIGIBLE_SPEED), 1 / (n - 1)) for n, size in last]
     return jnp.minimum(jnp.minimum(*lengths), MAX_TRIAL_ANGLE)
 
 
-def _displacement_coefficients(expansion: TaylorExpansion, n: int, fixed: Fixed[Model]) -> list[Scalar]:
-    """The coefficients `n` of the displacements [m]; theta counts as the displacement of a corner."""
-    x, y, theta = displacements_of(expansion.motion)
-    lever = fixed.model.block.a_x
-    return [a[n] for a in (*x, *y) if not is_zero(a)] + [lever * a[n] for a in theta if not is_zero(a)]
+def _remaining_angle(done: Any, step: Any, stop: Any, turn: Any) -> Any:
+    """The angle until the march stops [rad]."""
+    return ((stop - step).astype(turn.dtype) - done) * (RADIANS_PER_TURN * turn)
 
 
 def _power(x: Scalar, exponent: float) -> Scalar:
@@ -261,13 +316,31 @@ def _power(x: Scalar, exponent: float) -> Scalar:
     return lax.bitcast_convert_type(power, jnp.float32).astype(x.dtype)
 
 
-def _first_event_of_kind(
-    expansion: TaylorExpansion, order: int, h: Scalar, search: TaylorSearch
+def face_guards(faces: FaceSeries, u_s: Any, mode: Any, model: Model) -> list[tuple[int, Coefficients]]:
+    """The guards of one interface as polynomials by the numbers of their events; negative while the mode lasts."""
+    lift = tuple(where(mode == Mode.APART, 1.0, -1.0) * a for a in faces.v)
+    switches = [(number_of(event), a) for event, a in ((TURN, faces.turn), (HEIGHT, faces.height)) if not is_zero(a[0])]
+    at = SlidingSeries.of(faces)
+    friction = linear_law(model.law).friction_series(at, at.rates, u_s, mode)
+    rubs = [(number_of(RUB), coefficients(guard, len(faces.v) - 1)) for guard in friction]
+    return [(number_of(LIFT), lift), *switches, *rubs]
+
+
+def _first_event_of_face(
+    faces: FaceSeries,
+    contact: tuple[Any, Any],
+    before: tuple[Any, Any, Any, Any],
+    h: Scalar,
+    model: Model,
 ) -> tuple[TrialEvent, Int[Array, ""]]:
-    """The first event within `h` radians, and its kind."""
-    kinds = [k for k, _ in expansion.guards]
-    at_start = [(g[0] > 0) & search.recheck & (search.crossed != k) for k, g in expansion.guards]
-    event = first_event([g.coefficients(order) for _, g in expansion.guards], h, search.probing, search.tries)
+    """The first event of one interface within `h` radians, and its kind.
+
+    `before` are `crossed`, `probing`, `recheck` and `tries` of the search.
+    """
+    crossed, probing, recheck, tries = before
+    kinds, guards = zip(*face_guards(faces, *contact, model), strict=True)
+    at_start = [(g[0] > 0) & recheck & (crossed != k) for k, g in zip(kinds, guards, strict=True)]
+    event = first_event(list(guards), h, probing, tries)
     immediately = any_of(at_start)
     which = event.which
     for i in reversed(range(len(kinds))):
@@ -280,88 +353,93 @@ def _first_event_of_kind(
     return event, kind
 
 
+def _differentiable_end(
+    faces: FaceSeries, lane: Lane, fixed: Fixed[RowModel], outcome: SeriesOutcome, s: Scalar
+) -> Scalar:
+    """The end of a trial of a pair with its derivative: that of a guard's root or of the remaining angle, else none."""
+
+    def root(faces: FaceSeries, contact: tuple[Any, Any], outcome: SeriesOutcome, model: Model) -> Scalar:
+        guards = [guard for _, guard in face_guards(faces, *contact, model)]
+        size, rate = polynomial_value_and_rate(select_polynomial(trimmed(guards, s), outcome.which), s)
+        rate = where(outcome.fires & (s > 0) & (rate > 0), lax.stop_gradient(rate), jnp.inf)
+        return at_event(s, jnp.ones_like(s), size, rate)
+
+    contact = lane.state.u_s, lane.state.mode
+    (at_root,) = over(alone, root, faces, contact, outcome, fixed.model.interfaces)
+    rest = _remaining_angle(lane.search.done, lane.step, fixed.stop, fixed.grid.turn)
+    ends = any_along(outcome.fires) | any_along(outcome.probe)
+    return where(ends | (s < rest), at_root, rest)
+
+
 def motion_in_trial(
     displacements: DisplacementSeries, period: Scalar, steps_per_period: Scalar, steps: Scalar
 ) -> Motion:
     """The motion so many `steps` after the start of a trial, by its series."""
-    return motion_after(displacements, period / RADIANS_PER_TURN, steps * (RADIANS_PER_TURN / steps_per_period))
+    unit = period / RADIANS_PER_TURN
+    s = steps * (RADIANS_PER_TURN / steps_per_period)
+    return over(alone, lambda own: motion_after(own, unit, s), displacements)
 
 
-def motion_after(displacements: DisplacementSeries, unit: Scalar, s: Scalar) -> Motion:
-    """The motion after `s` radians of `unit` seconds each."""
-    ends = [[a if is_zero(a) else polynomial_value_and_rate(a, s) for a in pair] for pair in displacements]
-    x, y, theta = (tuple(a if is_zero(a) else a[0] for a in pair) for pair in ends)
-    v_x, v_y, v_theta = (tuple(a if is_zero(a) else a[1] / unit for a in pair) for pair in ends)
-    return Motion(x=x, y=y, theta=theta, v_x=v_x, v_y=v_y, v_theta=v_theta)
-
-
-def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[RowModel], method: Choices) -> Lane:
+def _lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[RowModel], method: Choices, each: Each) -> Lane:
     """The lane after its `trial`; unchanged if it has arrived or failed."""
-    row, event, search = fixed.model, trial.event, lane.search
-    own, fixed_pair = _of_pair(lane, fixed)
-    model, grid, start = fixed_pair.model, fixed.grid, own.state
+    model, grid, start, search = fixed.model, fixed.grid, lane.state, lane.search
     assert isinstance(search, TaylorSearch)
+    outcome = trial.outcome
     active = running(lane, fixed.stop)
-    z = trial.motion
-    apart = start.mode == Mode.APART
     # when apart, a change of the case has no effect
-    fire = event.fire & ~(apart & (trial.kind != number_of(LIFT))) & active
-    next_search, step = _next_taylor_search(lane, trial, fire)
-    done = step.astype(grid.turn.dtype) + next_search.done
-    Q = drive_waves(*sincos_turns(grid.start + done * grid.turn), model.drive)
+    fires = outcome.fires & ~((start.mode == Mode.APART) & (outcome.kind != number_of(LIFT))) & active
+    next_search, step = _next_taylor_search(lane, trial, fires)
+    end = State(trial.motion, start.u_s, start.mode, start.case)
+    wave = wave_at(step, next_search.done, grid, each)
     h = trial.length * grid.h
-    change = event_change(z, Q, start, fire, trial.kind, h, fixed_pair)
-    transition = change.transition
-    ending = Ending(transition, fire, event.inside)
-    log = lane.accumulator.log
-    counted = {} if log is None else {one: value_in(log, one.name) for one in takers_of_events(method)}
+    no = jax.tree.map(jnp.zeros_like, fires)
+    ending = InterfaceEnding(fires=fires, kind=outcome.kind, several=no, inside=outcome.inside, delay=h)
+    change = changes_of_row(lane, end, row_torques(end, wave, model, each), ending, fixed, method, each)
+    after = State(end.motion, change.u_s, change.mode, change.case)
+    after, dropped = as_flat(after, change.becomes_flat, model, each)
     accepted = AcceptedTrial(
-        start=lane.state,
-        mode=lane.state.mode,
+        start=start,
+        mode=start.mode,
         h=h,
-        end=along_blades(z),
-        after=along_blades(z),
-        v=at_interface(trial.deepest),
-        lift=at_interface(change.lift),
+        end=trial.motion,
+        after=after.motion,
+        v=trial.deepest,
+        lift=change.lift,
         gain=trial.gain,
-        jumps=EnergyJumps(at_interface(change.jumps.springs), filled(change.jumps.dropped, h)),
+        jumps=EnergyJumps(change.springs, dropped),
         step=lane.step,
         next_step=step,
-        events={one.name: at_interface(one.update(at_only_interface(a), ending)) for one, a in counted.items()},
+        events=change.counted,
         by_series=trial.by_series,
     )
-    accumulator = updated_accumulator(lane.accumulator, accepted, row, method, alone)
-    margins = updated_margins(at_only_interface(accumulator.margins), change, fire, model)
-    accumulator = accumulator._replace(margins=at_interface(margins))
-    lost = ~is_finite(z)
+    accumulator = updated_accumulator(lane.accumulator, accepted, model, method, each)._replace(margins=change.margins)
+    lost = ~is_finite_row(end)
     tries = jnp.maximum(next_search.events, next_search.tries)
-    too_many = tries > most_events(grid, touches_at_corners(model))
-    status = status_of(turned_too_far(z, lost), lost, too_many)
-    state = select(fire, transition.after, State(z, start.u_s, start.mode, start.case))
+    too_many = tries > most_events(grid, model.turns_by_events) * len(outcome.fires)
+    status = status_of(row_turned(after, lost, model), lost, too_many)
     # contact may begin flat although one end of the overlap already pulls
-    next_search = next_search._replace(recheck=next_search.recheck | (fire & (transition.after.case == FLAT)))
-    return select(active, Lane(state_of_row(state), step, next_search, None, accumulator, status), lane)
+    turns = None if change.turns is None else where(step > lane.step, 0, change.turns)
+    next_search = next_search._replace(recheck=any_along(change.jumped), turns=turns)
+    return select(active, Lane(after, step, next_search, None, accumulator, status), lane)
 
 
-def _next_taylor_search(lane: Lane, trial: TaylorTrial, fire: Bool[Array, ""]) -> tuple[TaylorSearch, Int[Array, ""]]:
-    """The search of the next trial, and the clock."""
-    search, event = lane.search, trial.event
+def _next_taylor_search(lane: Lane, trial: TaylorTrial, fires: Any) -> tuple[TaylorSearch, Int[Array, "..."]]:
+    """The search of the next trial before the events change it, and the clock."""
+    search, outcome = lane.search, trial.outcome
     done = search.done + trial.length
     negligible = NEGLIGIBLE_REST[done.dtype.itemsize]
     completed = jnp.floor(done + negligible)
     done = jnp.maximum(done - completed, 0.0)
     completed = completed.astype(jnp.int32)
     done = where(done < negligible, 0.0, done)
-    events = where(completed > 0, 0, search.events) + event.fire.astype(jnp.int32)
-    moved = (trial.length > 0) | fire
-    next_search = TaylorSearch(
+    fire = any_along(outcome.fires)
+    moved = trial.length > 0
+    next_search = search._replace(
         done=done,
-        cap=event.end,
-        recheck=fire & any_of(case_switches(trial.kind, EVENTS)),
-        crossed=trial.kind,
-        probing=event.probe,
-        events=events,
-        tries=where(moved, 0, search.tries + 1),
-        tolerance=search.tolerance,
+        cap=outcome.end,
+        crossed=where(fires, outcome.kind, where(moved, jnp.int32(-1), search.crossed)),
+        probing=outcome.probe,
+        events=where(completed > 0, 0, search.events) + fire.astype(jnp.int32),
+        tries=where(moved | any_along(fires), 0, search.tries + 1),
     )
     return next_search, lane.step + completed

@@ -4,14 +4,15 @@ import math
 import operator
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
-from functools import reduce, wraps
-from typing import TYPE_CHECKING, Any
+from functools import partial, reduce, wraps
+from typing import TYPE_CHECKING, Any, Literal
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.core import Tracer
+from jax.extend.core import Primitive
 from jaxtyping import Array, Float
 
 from jaxshroud.cache.programs import is_traced
@@ -40,6 +41,10 @@ class Symbolic(ABC):
     def sine_versine(self) -> tuple[Any, Any]:
         """The sine and the versine of it as an angle."""
 
+    @abstractmethod
+    def moved(self, move: Callable[..., Any], *others: Any) -> Any:
+        """What `move` makes of it, and of `others` that belong to the same instant, along a row."""
+
 
 class Zero(Symbolic):
     """An exact zero that is known while tracing."""
@@ -52,6 +57,11 @@ class Zero(Symbolic):
     def sine_versine(self) -> tuple["Zero", "Zero"]:
         """Both absent."""
         return self, self
+
+    def moved(self, move: Callable[..., Any], *others: Any) -> Any:
+        """Still absent, or what is made of the others with a zero for it."""
+        filler = next((jnp.zeros_like(a) for a in others if not is_zero(a)), None)
+        return self if filler is None else move(filler, *(filler if is_zero(a) else a for a in others))
 
     def __add__(self, other: Any) -> Any:
         """The other number."""
@@ -322,6 +332,29 @@ def sincos_turns(turns: Scalar) -> tuple[Scalar, Scalar]:
     return where(quarter >= 2, -sine, sine), where((quarter == 1) | (quarter == 2), -cosine, cosine)
 
 
+Home = Literal["blade", "interface"]
+# The result of a function of numbers along a row, in a program of one element; see `row_program`.
+exchange = Primitive("exchange")
+exchange.def_abstract_eval(lambda first, *_, **options: first)
+
+
+def exchanged(to: Home, move: Callable[..., Any], *numbers: Any) -> Any:
+    """`move(*numbers)`, which combines numbers of several blades or interfaces.
+
+    Of series it is that of each coefficient. Of one element, while a program of all of them is traced, it is noted.
+
+    Args:
+        to: To what the results belong.
+        move: A linear function of arrays (blades, lanes), or (interfaces, lanes).
+        numbers: Its arguments.
+    """
+    first, *others = numbers
+    if isinstance(first, Symbolic):
+        return first.moved(partial(exchanged, to, move), *others)
+    numbers = first, *(jnp.zeros_like(first) if is_zero(a) else a for a in others)
+    return exchange.bind(*numbers, move=move, to=to) if jnp.ndim(first) == 0 else move(*numbers)
+
+
 def total(a: Any) -> Any:
     """The sum along the axis of blades or of interfaces."""
     if is_zero(a):
@@ -337,6 +370,11 @@ def any_along(flags: Any) -> Any:
 def least(a: Any) -> Any:
     """The least number along the axis of blades or of interfaces."""
     return reduce(jnp.minimum, a) if isinstance(a, Unrolled) else jnp.min(a, axis=0)
+
+
+def greatest(a: Any) -> Any:
+    """The greatest number along the axis of blades or of interfaces."""
+    return -least(-a)
 
 
 def place_of_largest(a: Any) -> Any:
@@ -370,21 +408,33 @@ def at_place(here: Any, a: Any) -> Any:
 
 def times_along(matrix: Any, a: Any) -> Any:
     """A matrix times the numbers along the axis of blades."""
-    return jnp.sum(matrix * a[None], axis=1)
+    return exchanged("blade", lambda a: jnp.sum(matrix * a[None], axis=1), a)
 
 
 def left_of_interfaces(a: Any, closed: bool) -> Any:
     """The numbers of the blade left of each interface."""
     if isinstance(a, Unrolled):
         return Unrolled(*a.numbers[:-1])
-    return a if closed else a[:-1]
+    return exchanged("interface", lambda a: a if closed else a[:-1], a)
 
 
 def right_of_interfaces(a: Any, closed: bool) -> Any:
     """The numbers of the blade right of each interface."""
     if isinstance(a, Unrolled):
         return Unrolled(*a.numbers[1:])
-    return jnp.roll(a, -1, 0) if closed else a[1:]
+    return exchanged("interface", lambda a: jnp.roll(a, -1, 0) if closed else a[1:], a)
+
+
+def neighbours(a: Any, shift: int, closed: bool) -> Any:
+    """The numbers of the blade `shift` places before each; 0 where there is none."""
+
+    def shifted(a):
+        if closed:
+            return jnp.roll(a, shift, 0)
+        none = jnp.zeros_like(a[:1])
+        return jnp.concatenate([none, a[:-1]] if shift > 0 else [a[1:], none])
+
+    return exchanged("blade", shifted, a)
 
 
 def both_sides(tree: Any, closed: bool) -> Any:
@@ -400,7 +450,11 @@ def sum_at_blades(on_left: Any, on_right: Any, closed: bool) -> Any:
     """The sum of what its two interfaces add to each blade: on their left and on their right sides."""
     if isinstance(on_left, Unrolled):
         return Unrolled(*map(operator.add, [*on_left, ZERO], [ZERO, *on_right]))
-    if closed:
-        return on_left + jnp.roll(on_right, 1, 0)
-    none = jnp.zeros_like(on_left[:1])
-    return jnp.concatenate([on_left, none]) + jnp.concatenate([none, on_right])
+
+    def added(on_left, on_right):
+        if closed:
+            return on_left + jnp.roll(on_right, 1, 0)
+        none = jnp.zeros_like(on_left[:1])
+        return jnp.concatenate([on_left, none]) + jnp.concatenate([none, on_right])
+
+    return exchanged("blade", added, on_left, on_right)

@@ -15,6 +15,7 @@ from jaxshroud.model.arithmetic import (
     Scalar,
     is_zero,
     left_of_interfaces,
+    neighbours,
     right_of_interfaces,
     sum_at_blades,
     summed,
@@ -151,22 +152,12 @@ def aero_matrices(scene: Scene) -> AeroMatrices | None:
 
 def forces_of_flow(z: Motion, aero: AeroMatrices, closed: bool) -> Any:
     """The force of the flow along x on each blade of a row (N, lanes) [N]."""
-
-    def neighbour(a, shift):
-        return jnp.roll(a, shift, 0) if closed else _along_chain(a, shift)
-
     against = ZERO
     for force, shift in ((aero.own, 0), (aero.next, -1), (aero.before, 1)):
         if force is not None:
-            moved = (z.x, z.v_x) if shift == 0 else (neighbour(z.x, shift), neighbour(z.v_x, shift))
+            moved = [neighbours(a, shift, closed) if shift else a for a in (z.x, z.v_x)]
             against = against + force.at(*moved)
     return -against
-
-
-def _along_chain(a: Any, shift: int) -> Any:
-    """The numbers of the neighbours on one side in a chain, 0 where there is none."""
-    none = jnp.zeros_like(a[:1])
-    return jnp.concatenate([none, a[:-1]]) if shift > 0 else jnp.concatenate([a[1:], none])
 
 
 def couplings_of_pairs(row: Scene) -> tuple[Coupling, Aero]:

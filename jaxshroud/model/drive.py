@@ -87,7 +87,9 @@ class Excitation(eqx.Module):
         return [load for one in self.harmonics.values() for load in one.loads]
 
     def wave(self, s: Scalar, c: Scalar) -> Wave:
-        """The wave at a phase, from its sine and cosine."""
+        """The wave at a phase, from its sine and cosine; the series of it, if the sine is one of the phase."""
+        if isinstance(s, Series):
+            return self.wave_series(self.wave(s[0], c[0]), self.wave_rate(c[0], -s[0]))
         return tuple(one.wave(*multiple_angle(s, c, n)) for n, one in self.harmonics.items())
 
     def wave_rate(self, s: Scalar, c: Scalar) -> Wave:
@@ -124,18 +126,6 @@ def _prepared(one: AnyLoad) -> HarmonicForce | ComplexForce:
 def drive_waves(s: Scalar, c: Scalar, drive: Excitation) -> Waves:
     """The wave of each blade of a pair from the sine and cosine of omega t."""
     left, right = (of_blade(i, drive)[0].wave(s, c) for i in (0, 1))
-    return left, right
-
-
-def drive_wave_rates(s: Scalar, c: Scalar, drive: Excitation) -> Waves:
-    """The rate of each wave of a pair per radian, from (sin, cos) of omega t a quarter of a turn later."""
-    left, right = (of_blade(i, drive)[0].wave_rate(s, c) for i in (0, 1))
-    return left, right
-
-
-def drive_wave_series(waves: Waves, rates: Waves, drive: Excitation) -> Waves:
-    """The power series of the waves of a pair in the drive phase [rad]."""
-    left, right = (drive.wave_series(waves[i], rates[i]) for i in (0, 1))
     return left, right
 
 

@@ -230,6 +230,8 @@ def over(each: Each, f: Callable[..., Any], *trees: Any) -> Any:
     if lengths:
         (length,) = lengths
         return unrolled_places([each(f, *_at(i, trees)) for i in range(length)])
+    if each is alone:
+        return f(*trees)
     shape = max((a.shape for a in jax.tree.leaves(trees)), key=len)
     flat = jax.tree.map(lambda a: jnp.reshape(jnp.broadcast_to(a, shape), -1), trees)
     return jax.tree.map(lambda a: jnp.reshape(a, shape), each(f, *flat))

@@ -23,6 +23,7 @@ class Series(Symbolic):
     def __init__(self, rule: Callable[[int], Any]):
         self._rule = rule
         self._known = []
+        self._rotation = None
 
     def __getitem__(self, n: int) -> Any:
         """Coefficient `n`."""
@@ -34,14 +35,14 @@ class Series(Symbolic):
         """Coefficients 0 to `n`."""
         return tuple(self[k] for k in range(n + 1))
 
+    def go_on(self, rule: Callable[[int], Any]) -> None:
+        """Let the coefficients that are not known yet follow another rule."""
+        self._rule = rule
+
     @property
     def dtype(self) -> Any:
         """The type of the coefficients."""
         return self[0].dtype
-
-    def of_each(self, f: Callable[[Any], Any]) -> "Series":
-        """The series of `f` of each coefficient."""
-        return Series(lambda n: f(self[n]))
 
     @property
     def rate(self) -> "Series":
@@ -50,12 +51,24 @@ class Series(Symbolic):
 
     def sine_versine(self) -> tuple[Any, Any]:
         """The series of (sin x, 1 - cos x) of an angle x, from the values at the start: s' = c x', (1 - c)' = s x'."""
+        if self._rotation is None:
+            self._rotation = self._sine_versine()
+        return self._rotation
+
+    def _sine_versine(self) -> tuple[Any, Any]:
         rate = self.rate
         start = sine_versine(self[0])
         sine = Series(lambda n: times(_product(rate, cosine, n - 1), 1 / n) if n else start[0])
         versine = Series(lambda n: times(_product(rate, sine, n - 1), 1 / n) if n else start[1])
         cosine = 1 - versine
         return sine, versine
+
+    def moved(self, move: Callable[..., Any], *others: Any) -> "Series":
+        """The series of what `move` makes of coefficients; sine and versine are those of the original, moved."""
+        result = Series(lambda n: move(self[n], *(as_series(a)[n] for a in others)))
+        if not others:
+            result._sine_versine = lambda: tuple(a.moved(move) for a in self.sine_versine())
+        return result
 
     def __neg__(self) -> "Series":
         """The negative."""
@@ -124,14 +137,16 @@ def rate_of(value: Any) -> Any:
     return value.rate if isinstance(value, Series) else value
 
 
-def of_each(value: Any, f: Callable[[Any], Any]) -> Any:
-    """`f` of a number, or of each coefficient of a series."""
-    return value.of_each(f) if isinstance(value, Series) else f(value)
+def coefficients(value: Any, n: int) -> tuple:
+    """Coefficients 0 to `n` of a series, or of an absent number."""
+    return (value,) * (n + 1) if is_zero(value) else as_series(value).coefficients(n)
 
 
-def truncated(value: Any, n: int) -> Any:
-    """A series truncated after coefficient `n`."""
-    return Series(lambda k: value[k] if k <= n else ZERO) if isinstance(value, Series) else value
+def polynomial(coefficients: tuple) -> Any:
+    """The series with these coefficients, and no others; absent if all of them are."""
+    if all(map(is_zero, coefficients)):
+        return ZERO
+    return Series(lambda n: coefficients[n] if n < len(coefficients) else ZERO)
 
 
 def as_series(value: Any) -> Series:

@@ -82,7 +82,7 @@ def choose_method(
         trials: See `Trials`.
 
     Raises:
-        InputError: An accuracy is requested for smooth contact or for own laws, or power series for a row.
+        InputError: An accuracy is requested for smooth contact or for own laws, or power series for what they lack.
     """
     asked = resolved.asked
     law = law_type(lanes)

@@ -1,4 +1,8 @@
-"""What a row of blades costs: compilation and CPU per lane and period against the number of blades."""
+"""What a row of blades costs: compilation and CPU per lane and period against the number of blades, and by each method.
+
+Methods are compared on one core (`taskset -c 0 pytest --benchmark ...`): where a second one is idle, XLA's threads wait
+there for the small kernels of power series, and count as processor time.
+"""
 
 import json
 import time
@@ -10,12 +14,26 @@ from rich.console import Console
 from rich.table import Table
 
 import jaxshroud as js
+from jaxshroud.batch.plan import Plan
+from jaxshroud.batch.runs import run_lanes
+from jaxshroud.batch.states import initial_states
 from jaxshroud.march.accumulator import Counters
+from jaxshroud.march.method import FAST, Choices
+from jaxshroud.march.tableau import TaylorOptions, tableau
+from jaxshroud.scene.grids import scenes_at
 
 RESULTS = Path(__file__).parent / "results"
 BLADES, LANES, PERIODS, ROUNDS = (2, 4, 8, 16, 32, 64), 64, 2, 3
 STEPS = 100
 KINDS = {"gap": "22 um", "interference": "-0.4 mm"}
+METHODS = {
+    "dopri8 100": (Choices(tableau("dopri8"), "cubic", False), 100),
+    "rk4 200": (FAST, 200),
+    "taylor 8 1e-6": (Choices(TaylorOptions(8, 1e-6), "series", False), 100),
+    "taylor 10 1e-8": (Choices(TaylorOptions(10, 1e-8), "series", False), 100),
+}
+JUDGE = Choices(TaylorOptions(14, 1e-12), "series", False), 100
+SIZES = [(blades, lanes) for blades in (8, 12, 32) for lanes in (16, 64)]
 HOW = {"transient": 0, "method": js.RungeKutta("dopri8", steps=STEPS)}
 
 
@@ -44,6 +62,49 @@ def cost_of(blades: int, kind: str) -> dict[str, float]:
         "events": events,
         "work": blades * (STEPS + blades * events),
     }
+
+
+def mistuned(scene: js.Scene) -> js.Scene:
+    """The scene with stiffnesses that scatter by 3 %."""
+    pattern = 0.03 * np.random.default_rng(1).standard_normal(scene.layout.blades)
+    return js.vary(scene, "row.mistuning", pattern)
+
+
+def end_of(scenes: js.Scene, method: Choices, steps: int) -> tuple[np.ndarray, float]:
+    """The motion (6, blades, lanes) after some periods from rest, and the processor time that they take."""
+    start = time.process_time()
+    runs = run_lanes(scenes, initial_states(scenes), Plan(0, PERIODS, steps, 0.0, method), lambda _: None)
+    assert np.all(runs.last.status == js.Status.OK)
+    return np.stack([np.moveaxis(a[:, -1], 0, -1) for a in runs.samples.motion]), time.process_time() - start
+
+
+def costs_by_turns(scene: js.Scene, lanes: int) -> dict[str, dict[str, float]]:
+    """Microseconds a blade and period by each method, the median of runs by turns, and the median of their errors."""
+    scenes = scenes_at(scene, ["drive.F_0"], np.linspace(50.0, 70.0, lanes)[:, None])
+    exact, _ = end_of(scenes, *JUDGE)
+    size, errors, taken = np.abs(exact).max(axis=1), {}, {name: [] for name in METHODS}
+    for _ in range(ROUNDS + 1):
+        for name, method in METHODS.items():
+            end, seconds = end_of(scenes, *method)
+            taken[name].append(1e6 * seconds / lanes / PERIODS / scene.layout.blades)
+            errors[name] = float(np.median(np.max(np.abs(end - exact).max(axis=1) / size, axis=0)))
+    return {name: {"cost": float(np.median(taken[name][1:])), "error": errors[name]} for name in METHODS}
+
+
+@pytest.mark.benchmark
+def test_cost_of_power_series():
+    found, console = {}, Console(width=110)
+    for kind, gap in (KINDS | {"mistuned": KINDS["gap"]}).items():
+        table = Table(
+            "blades", "lanes", *(f"{name}: us, error" for name in METHODS), title=f"us a blade and period, {kind}"
+        )
+        for blades, lanes in SIZES:
+            scene = scene_of(blades, gap)
+            costs = costs_by_turns(mistuned(scene) if kind == "mistuned" else scene, lanes)
+            table.add_row(str(blades), str(lanes), *(f"{a['cost']:.0f}, {a['error']:.0e}" for a in costs.values()))
+            found[f"{kind} {blades} {lanes}"] = costs
+        console.print(table)
+    (RESULTS / "row_series.json").write_text(json.dumps(found, indent=1) + "\n", "utf-8")
 
 
 @pytest.mark.benchmark

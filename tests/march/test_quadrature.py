@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxshroud.march.taylor_expansion import lobatto, lobatto_error, lobatto_rule_for
+from jaxshroud.march.taylor_integrals import lobatto, lobatto_error, lobatto_rule_for
 
 
 @pytest.mark.parametrize("n", [3, 5, 7, 9, 11])

@@ -15,9 +15,13 @@ from row_runs import EXACT_ROW, part_of_period, row_scene_of, run_rows
 from scipy.linalg import expm
 
 import jaxshroud as js
-from jaxshroud.batch.lanes import lanes_last
-from jaxshroud.batch.xla import vmapped
+from jaxshroud.batch.lanes import begin_lanes, lanes_last
+from jaxshroud.batch.periods import CallLimits, Clock, at_start_of_period, run_block
+from jaxshroud.batch.states import initial_states
+from jaxshroud.batch.xla import best_mapping, vmapped
 from jaxshroud.march import row_trial
+from jaxshroud.march.method import Choices
+from jaxshroud.march.tableau import TaylorOptions
 from jaxshroud.model.arithmetic import ZERO
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State
@@ -29,11 +33,12 @@ from jaxshroud.scene.layout import Parts
 from jaxshroud.scene.other_parts import with_parts
 
 STEPS, FINE = 400, 6400
+BY_SERIES = Choices(TaylorOptions(10, 1e-13), "series")
 
 
-def ends_of(rows, periods, steps=STEPS):
+def ends_of(rows, periods, steps=STEPS, method=EXACT_ROW):
     """States (rows, 6, N) after so many periods; every run must end OK."""
-    runs = run_rows([row_scene_of(p) for p in rows], periods, steps)
+    runs = run_rows([row_scene_of(p) for p in rows], periods, steps, method)
     np.testing.assert_array_equal(runs.last.status, Status.OK)
     return runs.motion[:, -1]
 
@@ -54,12 +59,22 @@ def changed(p, name, place, by):
 # --- the second opinion -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.release(only=["ring of 4"])
-@pytest.mark.full(but=["chain of 3"])
-@pytest.mark.parametrize("place", [0, 1], ids=("chain of 3", "ring of 4"))
-def test_random_rows_are_those_of_the_second_opinion(place):
+JUDGED = {
+    "chain of 3": (0, EXACT_ROW),
+    "ring of 4": (1, EXACT_ROW),
+    "chain of 3 by series": (0, BY_SERIES),
+    "ring of 4 by series": (1, BY_SERIES),
+    "ring of 6 by series": (3, BY_SERIES),
+    "ring of 8 by series": (5, BY_SERIES),
+}
+
+
+@pytest.mark.release(only=["ring of 4", "ring of 8 by series"])
+@pytest.mark.full(but=["chain of 3", "chain of 3 by series"])
+@pytest.mark.parametrize(("place", "method"), JUDGED.values(), ids=JUDGED)
+def test_random_rows_are_those_of_the_second_opinion(place, method):
     rows = row_opinions.kept_rows(place)
-    runs = run_rows([row_scene_of(row.parameters) for row in rows], row_opinions.PERIODS, FINE)
+    runs = run_rows([row_scene_of(row.parameters) for row in rows], row_opinions.PERIODS, FINE, method)
     np.testing.assert_array_equal(runs.last.status, Status.OK)
     for lane, row in enumerate(rows):
         # A nudge of 1e-12 moves the end of a row by less than 1e-9: so may what both integrations err by. Blocks that
@@ -74,7 +89,7 @@ def test_random_rows_are_those_of_the_second_opinion(place):
     wider = [changed(row.parameters, "gap", 0, 1e-9) for row in rows]
     swapped = [dataclasses.replace(row.parameters, gap=row.parameters.gap[::-1]) for row in rows]
     for wrong, least in ((wider, 1e-8), (swapped, 1e-3)):
-        got = ends_of(wrong, row_opinions.PERIODS)
+        got = ends_of(wrong, row_opinions.PERIODS, method=method)
         deviations = [furthest(end, row.samples[-1]) for end, row in zip(got, rows, strict=True)]
         assert np.median(deviations) > least
 
@@ -341,6 +356,18 @@ def test_energy_of_a_ring_without_one_loss_does_not_balance():
     assert np.abs(runs.residual[0]) < 1e-12
     lost = np.sum(runs.samples.friction[:, 0, 0]) / np.sum(runs.samples.gross[:, 0])
     assert lost > 1e-4
+
+
+@pytest.mark.full
+def test_a_maximum_right_after_an_event_does_not_hold_a_row_up():
+    # A guard seemed to have a maximum 4e-16 of a step after an event: a trial that ended there left the clock where it
+    # was, and so did all that followed, for ever.
+    row = ["row.blades=12", "row.closed=true", "drive.engine_order=3", "drive.F_0=62"]
+    scenes = js.stack_scenes([js.load("table1", row).scene])
+    begin = at_start_of_period(begin_lanes(scenes, initial_states(scenes), EXACT_ROW))
+    limits = CallLimits(jnp.int32(2), jnp.int32(3000))  # some 320 trials a period
+    end, ended, _ = run_block(scenes, begin, Clock.from_phase_0(100), limits, EXACT_ROW, 2, best_mapping())
+    assert (int(ended), end.lanes.status.tolist()) == (2, [Status.OK])
 
 
 # --- rocking --------------------------------------------------------------------------------------------------------

@@ -17,19 +17,21 @@ from jaxshroud.batch.runs import trajectories
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.states import initial_states
 from jaxshroud.march.carry import Fixed, time_grid
-from jaxshroud.march.events import EVENTS, evaluate_guards
+from jaxshroud.march.events import EVENTS
 from jaxshroud.march.extremes import _polynomial_maximum
 from jaxshroud.march.method import Choices, method_as_json, method_from_json
+from jaxshroud.march.row_guards import row_guards
 from jaxshroud.march.stepper import POWER_SERIES
 from jaxshroud.march.tableau import TaylorOptions, tableau
 from jaxshroud.march.taylor_events import first_event, return_length
-from jaxshroud.march.taylor_expansion import per_radian, taylor_expansion
-from jaxshroud.model.arithmetic import is_zero
-from jaxshroud.model.drive import drive_waves
+from jaxshroud.march.taylor_expansion import per_radian, seconds_per_radian, taylor_expansion, wave_at
+from jaxshroud.march.taylor_integrals import OfBlade, TrialSpan, read_off
+from jaxshroud.march.taylor_trial import face_guards
+from jaxshroud.model.arithmetic import Unrolled, is_zero
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import State, prepared_model
-from jaxshroud.model.rhs import Recorded, mean_square, rhs
-from jaxshroud.model.row import alone, row_of_pair, state_of_row
+from jaxshroud.model.rhs import Recorded, rhs
+from jaxshroud.model.row import alone, at_only_interface, clusters_of, row_of_pair, row_rhs, state_of_row
 from jaxshroud.model.series import Series, polynomial_value, polynomial_value_and_rate
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Contact
@@ -59,30 +61,49 @@ def held(rng: np.random.Generator) -> State:
 def expanded(state: State, scene) -> dict:
     """Numbers by the series `SHORT` after a state, and the same by the right-hand side and the guards there."""
     ready = prepared_model(scene)
-    row = POWER_SERIES.begin(state_of_row(state), row_of_pair(ready), COARSE, alone)
-    lane = eqx.tree_at(lambda lane: lane.state, row, state)
+    row = row_of_pair(ready)
+    now = state_of_row(state)
+    lane = eqx.tree_at(lambda lane: lane.state, POWER_SERIES.begin(now, row, COARSE, alone), now)
     start, period = jnp.asarray(0.13), scene.drive.period
-    way = taylor_expansion(
-        lane, Fixed(ready, time_grid(start, jnp.asarray(100.0), period), jnp.int32(100)), ORDER, True
-    )
-    s = jnp.asarray(SHORT)
-    at = lambda series: polynomial_value(series.coefficients(ORDER), s)
-    z = Motion(*(tuple(map(at, pair)) for pair in way.motion))
-    angle = 2 * math.pi * 0.13 + s
-    Q = drive_waves(jnp.sin(angle), jnp.cos(angle), ready.drive)
-    there = State(z, state.u_s, state.mode, way.case)
-    slope, rates = rhs(Q, there, per_radian(ready, way.unit), Recorded(ledger=True))
-    accelerations = [polynomial_value_and_rate(a.coefficients(ORDER), s)[1] for pair in way.motion[3:] for a in pair]
-    seen = evaluate_guards(z, Q, State(z, state.u_s, state.mode, way.case), per_radian(ready, way.unit))
-    guards = [at(series) for _, series in way.guards]
-    ledger, exact = way.works, rates.ledger
-    works = [at(a) for a in (ledger.drive, ledger.viscous, ledger.friction)]
+    fixed = Fixed(row, time_grid(start, jnp.asarray(100.0), period), jnp.int32(100))
+    way = taylor_expansion(lane, fixed, ORDER, alone)
+    unit, s = seconds_per_radian(fixed), jnp.asarray(SHORT)
+    at = lambda number: polynomial_value_and_rate(number, s)
+    ends = [list(map(at, zip(*a, strict=True))) for a in way[:3]]
+    x, y, theta = (Unrolled(*(value for value, _ in pair)) for pair in ends)
+    v_x, v_y, v_theta = (Unrolled(*(rate for _, rate in pair)) for pair in ends)
+    case = way.faces.case
+    there = wave_at(jnp.int32(0), s / (math.tau * fixed.grid.turn), fixed.grid, alone)
+    now = State(Motion(x, y, theta, v_x, v_y, v_theta), now.u_s, now.mode, case)
+    scaled = per_radian(row, unit)
+    slope, rates = row_rhs(there, now, clusters_of(now, scaled), scaled, Recorded(ledger=True), alone)
+    curved = [[jax.jvp(lambda s, a=a: at_rate(a, s), (s,), (1.0,))[1] for a in zip(*b, strict=True)] for b in way[:3]]
+    faces = at_only_interface(way.faces)
+    guards = [polynomial_value(guard, s) for _, guard in face_guards(faces, state.u_s, state.mode, scaled.pair)]
+    seen = row_guards(now, there, scaled, alone, EVENTS).value
+    wave = wave_at(jnp.int32(0), jnp.asarray(0.0), fixed.grid, alone)
+
+    def gained(s):
+        own, contact = OfBlade(*way[:-1]), State(None, now.u_s, now.mode, now.case)
+        method = Choices(TaylorOptions(ORDER, 1e-7), "series", derivative=True)
+        return read_off(TrialSpan(s, unit, wave), own, way.faces, contact, (None, None), row, method).gain
+
+    _, rate = jax.jvp(gained, (s,), (jnp.ones(()),))
+    works, exact = rate.ledger, rates.ledger
     return {
-        "accelerations": (accelerations, jax.tree.leaves(slope.acceleration)),
-        "power": (list(map(at, mean_square(way.pose, ready.gyration, ready.static))), list(rates.power)),
-        "works": (works, [exact.drive, exact.viscous, exact.friction]),
-        "guards": ([*guards[:3], jnp.maximum(*guards[3:])], [a for a in seen.guards.value if not is_zero(a)]),
+        "accelerations": ([a for pair in curved for a in pair], jax.tree.leaves(slope.acceleration)),
+        "power": ([a / unit for a in rate.power], list(rates.power)),
+        "works": (
+            [a * unit**2 for a in (works.drive, works.viscous, works.friction)],
+            [exact.drive, exact.viscous, exact.friction],
+        ),
+        "guards": ([*guards[:3], jnp.maximum(*guards[3:])], [a[0] for a in seen if not is_zero(a)]),
     }
+
+
+def at_rate(a, s):
+    """The rate of a polynomial."""
+    return polynomial_value_and_rate(a, s)[1]
 
 
 @pytest.mark.release(

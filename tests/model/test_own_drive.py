@@ -12,11 +12,12 @@ import reference
 import jaxshroud as js
 from jaxshroud.batch.xla import vmapped
 from jaxshroud.model.arithmetic import of_blade, sincos_turns
-from jaxshroud.model.drive import drive_wave_rates, drive_wave_series, drive_waves, excitation
+from jaxshroud.model.drive import drive_waves, excitation
 from jaxshroud.model.linear import area, free_power, steady_amplitudes
 from jaxshroud.model.prepared import State, as_pairs, prepared_model
 from jaxshroud.model.rhs import Recorded, rhs
 from jaxshroud.model.row import prepared_row, row_rhs
+from jaxshroud.model.series import Series
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.drive import DriveHarmonic
 from jaxshroud.scene.fields import PerBlade, per_blade
@@ -144,10 +145,11 @@ def test_waves_have_the_rates_and_the_series_of_their_harmonics():
             return orders
 
     drive, turns = as_pairs(excitation(Many(536.0, 0.0, 1.0, 1.0, 0.0))), jnp.asarray(0.137)
-    rates = drive_wave_rates(*sincos_turns(turns + 0.25), drive)
-    series = drive_wave_series(drive_waves(*sincos_turns(turns), drive), rates, drive)
+    start = [Series(lambda n, a=a: a) for a in sincos_turns(turns)]
     for i in (0, 1):
-        for (n, one), rate, terms in zip(orders.items(), rates[i], series[i], strict=True):
+        (blade,) = of_blade(i, drive)
+        rates, series = blade.wave_rate(*sincos_turns(turns + 0.25)), blade.wave(*start)
+        for (n, one), rate, terms in zip(orders.items(), rates, series, strict=True):
             angle = lambda tau, n=n, phase=float(one.phase[i]): n * tau + phase
             tau, later = 2 * math.pi * 0.137, 2 * math.pi * 0.137 + 0.05
             assert float(rate) == pytest.approx(n * math.cos(angle(tau)), abs=1e-14 * (1 + n))

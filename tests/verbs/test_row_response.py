@@ -199,7 +199,6 @@ def test_a_wave_is_begun_with_where_there_is_one(broken):
     ("words", "told"),
     [
         (["--set", "parts.contact=none"], "many single blades"),
-        (["--tableau", "taylor"], "Runge-Kutta methods, not by power series"),
         (["--over", "shroud.gap[9]=1um"], "shroud.gap[9]"),
         (["--at", "5000"], "drive.omega"),
     ],

@@ -92,7 +92,7 @@ def test_a_shipped_row_is_simulated_stored_and_drawn(name, tmp_path):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["simulate", "row_ring12", "--tableau", "taylor"], "Runge-Kutta methods, not by power series"),
+        (["gradient", "row_ring12", "--wrt", "shroud.gap", "--tableau", "taylor"], "by Runge-Kutta methods alone"),
         (["simulate", "row_ring12", "--set", "parts.contact=none"], "many single blades"),
         (["attractors", "row_ring12", "--tableau", "taylor"], "Runge-Kutta methods, not by power series"),
     ],
