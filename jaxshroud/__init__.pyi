@@ -58,6 +58,9 @@ from .scene.laws import Hertz as Hertz
 from .scene.laws import LuGre as LuGre
 from .scene.laws import RegularisedCoulomb as RegularisedCoulomb
 from .scene.layout import Parts as Parts
+from .scene.modes import BladeMode as BladeMode
+from .scene.modes import ModalBlades as ModalBlades
+from .scene.modes import modal_blades as modal_blades
 from .scene.other_parts import with_contact_law as with_contact_law
 from .scene.points import ContactPoints as ContactPoints
 from .scene.scene import Contact as Contact

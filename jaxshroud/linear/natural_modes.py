@@ -91,8 +91,8 @@ def linear_contact(scene: Scene) -> LinearContact:
 
     Contact is where the upper corners meet without a gap, or at all points of the faces.
     """
-    if scene.blade_matrices is not None:
-        raise InputError("Natural modes with contact are those of lumped blades so far, not of blades by matrices.")
+    if scene.mode_numbers is not None:
+        raise InputError("Natural modes with contact are those of lumped blades so far, not of blades by modes.")
     free, points, layout = free_system(scene), scene.contact.points, scene.layout
     block = corners(scene.shroud, scene.contact.reading, points)._replace(gap=jnp.zeros_like(scene.shroud.alpha))
 

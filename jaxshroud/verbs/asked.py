@@ -8,6 +8,7 @@ import numpy as np
 from jaxshroud.march.method import FLAT_RETURN, Choices, Method, StepCount, method_as_json, method_of
 from jaxshroud.march.method_names import Locate
 from jaxshroud.march.tableau import MIN_STEPS, TaylorOptions, tableau
+from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.scene import Scene
 
@@ -131,12 +132,12 @@ class Choice:
 
 
 def is_tried(scene: Scene) -> bool:
-    """Whether methods are tried on a scene for an accuracy: on a pair whose corners touch."""
-    return scene.row is None and scene.contact.points is None
+    """Whether methods are tried on a scene for an accuracy: on a pair of lumped blades whose corners touch."""
+    return scene.row is None and scene.contact.points is None and isinstance(scene.blades, Blades)
 
 
 def choice_without_trial(accuracy: str | float, shown: bool, scene: Scene) -> Choice:
-    """The method of rows of blades, and of faces of points: one of two, and no trial says whether an accuracy is kept.
+    """The method of rows, faces of points and blades by modes: one of two, and no trial says if an accuracy is kept.
 
     Args:
         accuracy: The accuracy.
@@ -145,7 +146,8 @@ def choice_without_trial(accuracy: str | float, shown: bool, scene: Scene) -> Ch
     """
     level = accuracy_level(accuracy)
     name = "tsit5" if level >= COARSE_ACCURACY else "dopri8"
-    untried = "rows" if scene.row is not None else "faces of several points"
+    of_points = "blades by modes" if scene.contact.points is None else "faces of several points"
+    untried = "rows" if scene.row is not None else of_points
     setting = Setting(name, "cubic", "float64", np.nan, flat_return=flat_return_for(level))
     return Choice(level, setting, None, promised=None, shown=shown, untried=untried)
 

@@ -97,7 +97,7 @@ def check(
         approach=float(free.across[nearest]) / math.sin(s.alpha),
         corner=_floats(lever * free.peaks["theta"]),
         inertia=_floats(b.I / (b.m * gyration_of_block)),
-        gamma=float(k[0] / arrays.blades.k_x[0]),
+        gamma=float(k[0] / arrays.resting_blades.k_x[0]),
         omega_max=stiffest(scene, 0)[0],
         steps=steps_for(scene, 0, "auto", RK4),
         doubts=(),
@@ -119,7 +119,7 @@ def _at_interfaces(arrays: Scene, k: np.ndarray, approach: np.ndarray, slide: np
     numbers = {"gaps": np.asarray(arrays.running_shroud.gap), "approaches": approach, "slides": slide}
     return {
         **{name: _floats(a) for name, a in numbers.items()},
-        "gammas": _floats(k / arrays.blades.k_x[: len(k)]),
+        "gammas": _floats(k / arrays.resting_blades.k_x[: len(k)]),
         "closed": arrays.row.closed,
     }
 
