@@ -22,7 +22,7 @@ from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.coupling import couplings_of_pairs
 from jaxshroud.model.geometry import corners
 from jaxshroud.model.linear import free_reach, steady_amplitudes
-from jaxshroud.model.linear_system import free_system, moving_coordinates, over_coordinates, shroud_map
+from jaxshroud.model.linear_system import coordinates_that_move, free_system, over_coordinates, shroud_map
 from jaxshroud.model.prepared import prepared_law
 from jaxshroud.model.row import pair_at
 from jaxshroud.scene.checks import MAX_AUTO_STEPS, InputError, StepTooLongError, count_argument
@@ -85,13 +85,9 @@ def _stiffness_of(scene: Scene) -> _Stiffness:
     law, block = prepared_law(scene), corners(scene.running_shroud, scene.contact.reading)
     mass, damping, engaged = free_system(scene)
     modes, shroud = scene.mode_numbers, shroud_map(scene)
-    if modes is None:
-        own = jnp.concatenate([k for _, _, k in scene.running_blades.oscillators.values()])
-        moves = moving_coordinates(scene)
-    else:
-        own = jnp.concatenate(modes.stiffness)
-        moves = np.tile([True, scene.parts.neighbour == "blade"], len(modes.stiffness))
-    mobility = jnp.where(moves, 1 / mass, 0.0)
+    springs = modes.stiffness if modes else [k for _, _, k in scene.running_blades.oscillators.values()]
+    own = jnp.concatenate(springs)
+    mobility = jnp.where(coordinates_that_move(scene), 1 / mass, 0.0)
     k, k_d, haste = filled((law.normal_stiffness, law.tangential_stiffness, law.slider_haste), mass[0])
 
     def touching(case: Int[Array, ""]) -> Float[Array, "n n"]:

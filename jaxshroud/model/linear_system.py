@@ -71,6 +71,14 @@ def spring_stiffness(k: Any, stretch_q: Any) -> Any:
     return stretch_q.T @ (k[..., None] * stretch_q)
 
 
+def coordinates_that_move(scene: Scene) -> np.ndarray:
+    """Whether the model has each coordinate, (D,)."""
+    modes = scene.mode_numbers
+    if modes is None:
+        return moving_coordinates(scene)
+    return np.tile([scene.parts.has("x", min(i, 1)) for i in range(scene.layout.blades)], len(modes.stiffness))
+
+
 def over_coordinates(a: Any, shroud: Any) -> Any:
     """Forces on the shrouds, or gradients by their coordinates, (..., 3 N) as those by the coordinates (..., D)."""
     return a if shroud is None else a @ shroud.astype(a.dtype)

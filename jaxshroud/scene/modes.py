@@ -64,6 +64,19 @@ class ModeNumbers(NamedTuple):
         damping = [a * m**2 for a, m in zip(lost, mass, strict=True)]
         return Blades(mass[0], mass[2], *spring, *damping, m_y=mass[1])
 
+    @property
+    def main_oscillators(self) -> dict[str, tuple[Any, Any, Any]]:
+        """The mass, damping and stiffness along x, y and theta of the mode that bends most there, by NumPy arrays."""
+        found = {}
+        k, c = np.stack(self.stiffness), np.stack(self.damping)
+        for name, shape in zip(COORDINATES, self.shapes, strict=True):
+            square = np.stack(shape) ** 2
+            with np.errstate(divide="ignore", invalid="ignore"):
+                main = np.argmax(np.where(k > 0, square / k, 0.0), axis=0)[None]
+                m, own_c, own_k = (np.take_along_axis(a, main, axis=0)[0] for a in (1 / square, c / square, k / square))
+            found[name] = (m, own_c, own_k)
+        return found
+
     def as_blades(self) -> "ModalBlades":
         """Blades with these modes at rest."""
         numbers = zip(self.stiffness, self.damping, zip(*self.shapes, strict=True), strict=True)
@@ -112,12 +125,13 @@ class ModalBlades(eqx.Module):
 
         Args:
             factor: Of the stiffnesses at rest, by mistuning.
-            square: The square of the speed [rad^2/s^2]; None where nothing grows with it.
+            square: The square of the speed [rad^2/s^2]; None: at rest.
         """
         omega = [math.tau * mode.f for mode in self.modes]
         return ModeNumbers(
             stiffness=tuple(
-                grown(factor * (own * own), mode.B, 1.0, square) for own, mode in zip(omega, self.modes, strict=True)
+                grown(factor * (own * own), None if square is None else mode.B, 1.0, square)
+                for own, mode in zip(omega, self.modes, strict=True)
             ),
             damping=tuple(2 * mode.zeta * own for own, mode in zip(omega, self.modes, strict=True)),
             shapes=tuple(tuple(getattr(mode, name) for mode in self.modes) for name in SHAPES),
