@@ -79,7 +79,8 @@ def read_model(paths: Sequence[Path]) -> ModelArrays:
         rows = arrays.get("nodes")
         nodes = None if rows is None else _nodes((list(map(_plain, row)) for row in rows), first)
         return ModelArrays(arrays["K"], arrays["M"], arrays.get("C"), labels, nodes)
-    return ModelArrays(*(read_matrix(path) for path in paths))
+    matrices = dict(zip(("K", "M", "C"), map(read_matrix, paths), strict=False))
+    return ModelArrays(**matrices)
 
 
 def _plain(value: Any) -> str:

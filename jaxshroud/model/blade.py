@@ -150,7 +150,7 @@ class ModalBlade(eqx.Module):
         """The motion of the blade's coordinates, of least norm, that moves its shroud so."""
         if isinstance(z, ModalMotion):
             return z
-        return ModalMotion(*(self._over_modes(self.lift, numbers) for numbers in (z[:3], z[3:])))
+        return ModalMotion(q=self._over_modes(self.lift, z[:3]), rate=self._over_modes(self.lift, z[3:]))
 
     def accelerations(self, z: Any, Q: Wave, drive: Excitation, R: BladeForces, inverse: None) -> Any:
         """The accelerations of all coordinates, at the wave `Q` of the drive and the forces `R` of contact."""

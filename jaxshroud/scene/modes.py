@@ -62,7 +62,17 @@ class ModeNumbers(NamedTuple):
         spring = [reciprocal(a, a > 0) for a in soft]
         lost = [sum(a * a * c for a, c in zip(shape, self.damping, strict=True)) for shape in self.shapes]
         damping = [a * m**2 for a, m in zip(lost, mass, strict=True)]
-        return Blades(mass[0], mass[2], *spring, *damping, m_y=mass[1])
+        return Blades(
+            m=mass[0],
+            m_y=mass[1],
+            I=mass[2],
+            k_x=spring[0],
+            k_y=spring[1],
+            k_T=spring[2],
+            c_x=damping[0],
+            c_y=damping[1],
+            c_T=damping[2],
+        )
 
     @property
     def main_oscillators(self) -> dict[str, tuple[Any, Any, Any]]:
@@ -87,7 +97,7 @@ def _mode_of(k: Any, c: Any, shape: Sequence[Any]) -> BladeMode:
     xp = k.__array_namespace__()
     omega = xp.sqrt(k)
     zeta = xp.where(k > 0, c / (2 * xp.where(k > 0, omega, 1.0)), 0.0)
-    return BladeMode(omega / math.tau, zeta, *shape)
+    return BladeMode(f=omega / math.tau, zeta=zeta, **dict(zip(SHAPES, shape, strict=True)))
 
 
 class ModalBlades(eqx.Module):
