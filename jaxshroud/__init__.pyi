@@ -58,6 +58,9 @@ from .scene.laws import Hertz as Hertz
 from .scene.laws import LuGre as LuGre
 from .scene.laws import RegularisedCoulomb as RegularisedCoulomb
 from .scene.layout import Parts as Parts
+from .scene.modes import BladeMode as BladeMode
+from .scene.modes import ModalBlades as ModalBlades
+from .scene.modes import modal_blades as modal_blades
 from .scene.other_parts import with_contact_law as with_contact_law
 from .scene.points import ContactPoints as ContactPoints
 from .scene.scene import Contact as Contact
@@ -84,6 +87,8 @@ from .verbs.orbit import lyapunov as lyapunov
 from .verbs.orbit import orbit as orbit
 from .verbs.plan import method_for as method_for
 from .verbs.power import power as power
+from .verbs.reduce import ReducedBlade as ReducedBlade
+from .verbs.reduce import reduce as reduce
 from .verbs.report import report as report
 from .verbs.response import response as response
 from .verbs.scatter import scatter as scatter

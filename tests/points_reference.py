@@ -4,7 +4,8 @@ It shares no code and no formula with the package: points are rotated with their
 the mean normal and tangent, and forces act at the middles between partners. Steps are DOP853's of fixed length; where a
 guard has risen through zero, the length of the step is solved for.
 
-A state is x, y and theta of all blades, followed by their rates: six blocks of N numbers.
+A state is x, y and theta of all blades, followed by their rates: six blocks of N numbers; of blades by modes it is the
+coordinates of these and their rates.
 """
 
 from dataclasses import dataclass, field
@@ -25,10 +26,9 @@ COUNTED = ("onset_slip", "onset_stick", "separation", "stick_slip", "slip_stick"
 class Row:
     """N blades in a chain or a ring; a pair is a chain of two. Arrays are of blades (N,), or of interfaces (E,)."""
 
-    m: np.ndarray
-    I: np.ndarray
-    k: np.ndarray  # (3, N): in x, y and theta
-    c: np.ndarray  # (3, N)
+    m: np.ndarray  # (3, N) masses in x, y and theta, or 1 of modes (n, N)
+    k: np.ndarray  # likewise, and so is the next
+    c: np.ndarray
     force: np.ndarray  # (3, N): amplitudes of the drive
     phase: np.ndarray
     omega: float
@@ -41,6 +41,7 @@ class Row:
     places: np.ndarray  # (M,) [m]
     shares: np.ndarray
     closed: bool = False
+    shapes: np.ndarray | None = None  # of modes, (3, n, N)
 
 
 def row_of(scene):
@@ -50,8 +51,7 @@ def row_of(scene):
     of_interfaces = lambda a: np.broadcast_to(np.asarray(a, float), (scene.layout.interfaces,)).copy()
     F_0, beta, points = of_blades(drive.F_0), of_blades(drive.beta), scene.contact.points
     return Row(
-        m=of_blades(blades.m),
-        I=of_blades(blades.I),
+        m=np.array([of_blades(a) for a in (blades.m, blades.m, blades.I)]),
         k=np.array([of_blades(a) for a in (blades.k_x, blades.k_y, blades.k_T)]),
         c=np.array([of_blades(a) for a in (blades.c_x, blades.c_y, blades.c_T)]),
         force=np.array([F_0 * np.cos(beta), F_0 * np.sin(beta), of_blades(drive.M_0)]),
@@ -104,12 +104,17 @@ class Faces:
 
 def sides(row):
     left = np.arange(len(row.gap))
-    return left, (left + 1) % len(row.m)
+    return left, (left + 1) % len(row.phase)
+
+
+def shroud(row, z):
+    """x, y and theta of the blades, or their rates (3, N), from those of their coordinates."""
+    return z if row.shapes is None else np.einsum("ajb,jb->ab", row.shapes, z)
 
 
 def faces(row, y):
     left, right = sides(row)
-    q, rate = y[:3], y[3:]
+    q, rate = (shroud(row, z) for z in np.split(y, 2))
     along = np.array([np.cos(row.alpha), np.sin(row.alpha)])
 
     def rotated(body, blades):
@@ -160,12 +165,14 @@ def slope(run, t, y):
     left, right = sides(row)
     N, F = point_forces(run, at)
     push = -N * at.normal - F * at.tangent
-    total = row.force * np.sin(row.omega * t + row.phase) - row.c * y[3:] - row.k * y[:3]
+    q, rate = np.split(y, 2)
+    total = row.force * np.sin(row.omega * t + row.phase)
     for blades, sign, lever in ((left, 1.0, at.lever[0]), (right, -1.0, at.lever[1])):
         moment = lever[1] * push[0] - lever[0] * push[1]
         for i, load in enumerate((push[0], push[1], moment)):
             np.add.at(total[i], blades, sign * load.sum(axis=-1))
-    return np.concatenate([y[3:], total / np.array([row.m, row.m, row.I])])
+    own = total if row.shapes is None else np.einsum("ajb,ab->jb", row.shapes, total)
+    return np.concatenate([rate, (own - row.c * rate - row.k * q) / row.m])
 
 
 def stepped(run, h):

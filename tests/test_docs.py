@@ -14,6 +14,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
+import beam_model
 import pytest
 
 import jaxshroud as js
@@ -126,6 +127,7 @@ def small(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "measured.csv").write_text(MEASURED, "utf-8")
     (tmp_path / "designs.csv").write_text(*blocks(DOCS / "verbs" / "table.md", "csv"))
+    beam_model.Model().save(tmp_path / "blade.npz")
     monkeypatch.setattr(trade, "SETTINGS", {contact: ways[:2] for contact, ways in trade.SETTINGS.items()})
     monkeypatch.setattr(arguments, "N_PERIODS", 4)
     monkeypatch.setattr(asked.Asked, "says_nothing", False)  # RK4, whose programs other tests compile too

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.full
 OTHERS = [
     *(name for name in shipped() if name.endswith("_best")),
     *("table1_light", "griffin", "dry_friction_2dof", "engine_order", "row_ring12", "row_chain5"),
-    *("table1_points", "row_ring12_points", "row_ring6_flutter", "row_disk60"),
+    *("table1_points", "row_ring12_points", "row_ring6_flutter", "row_disk60", "fem_blade"),
 ]
 ROWS = [name for name in shipped() if load(name).layout != PAIR]  # run in verbs/test_row_verbs.py
 PRINTED = [name for name in shipped() if name not in OTHERS]

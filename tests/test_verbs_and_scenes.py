@@ -5,6 +5,13 @@ import verbs_and_scenes as asked
 
 import jaxshroud as js
 
+KEY = "blades.modes[0].zeta"
+REFUSED = {verb: asked.IN_PYTHON[verb] for verb in ("orbit", "branch", "diagnose", "response", "lyapunov")} | {
+    "gradient": lambda scene: js.gradient(scene, [KEY], n_periods=2),
+    "report": lambda scene: js.report(scene, scatters={KEY: "20%"}),
+    "tune": lambda scene: js.tune(scene, {KEY: (0.1, 0.2)}, n_periods=2),
+}
+
 
 def test_every_pair_of_properties_is_in_a_scene(tmp_path):
     assert not asked.missing_pairs()
@@ -21,14 +28,15 @@ def test_the_page_is_that_of_the_answers():
     assert asked.PAGE.read_text("utf-8") == asked.page(answers)
 
 
-def test_verbs_that_read_x_y_and_theta_refuse_blades_by_matrices(tmp_path):
+def test_verbs_that_read_x_y_and_theta_refuse_blades_by_modes(tmp_path):
     file = tmp_path / "scene.toml"
-    file.write_text(asked.scene_text(asked.SCENES["C2"]), "utf-8")
-    scene = asked.python_scene(asked.SCENES["C2"], file)
-    for verb in ("orbit", "gradient", "branch", "diagnose", "response", "report", "tune"):
-        assert "blades by matrices" in asked.python_answer(verb, scene)
-    with pytest.raises(js.InputError, match="blades by matrices"):
-        js.sweep(scene, asked.SPEEDS, direction="forward", **asked.SHORT)
+    file.write_text(asked.scene_text(asked.SCENES["P9"]), "utf-8")
+    for verb in REFUSED:
+        for scene in (js.load(file), js.load(file).scene):
+            with pytest.raises(js.InputError, match="blades by modes"):
+                REFUSED[verb](scene)
+    with pytest.raises(js.InputError, match="blades by modes"):
+        js.sweep(js.load(file).scene, asked.SPEEDS, direction="forward", **asked.SHORT)
 
 
 @pytest.mark.full

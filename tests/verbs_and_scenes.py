@@ -16,14 +16,10 @@ from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
-import numpy as np
 
 import jaxshroud as js
 from jaxshroud.cli import commands
-from jaxshroud.scene.blades import BladeMatrices, Blades
 
 ANSWERS = Path(__file__).with_suffix(".json")
 PAGE = Path(__file__).parent.parent / "docs" / "verbs_and_scenes.md"
@@ -44,7 +40,7 @@ class Kind(NamedTuple):
     @property
     def by_file(self) -> bool:
         """Whether a scene file says it all, so that commands can be asked."""
-        return self.blades != "matrices" and self.contact != "own law"
+        return self.contact != "own law"
 
 
 # Every pair of values of two properties that a scene may have is in one of these.
@@ -57,15 +53,16 @@ SCENES = {
     "P6": Kind("pair", "x, y", "none", "two orders", "mean loads", "none", "unlike"),
     "P7": Kind("pair", "x, y, theta", "none", "phases", "none", "none", "alike"),
     "P8": Kind("pair", "x", "own law", "phases", "none", "none", "alike"),
+    "P9": Kind("pair", "x, y, theta", "springs", "phases", "none", "none", "modes"),
     "C1": Kind("chain", "x", "points", "engine order", "mean loads", "none", "alike"),
-    "C2": Kind("chain", "x, y", "springs", "phases", "interference", "flow", "matrices"),
+    "C2": Kind("chain", "x, y", "springs", "phases", "interference", "flow", "modes"),
     "C3": Kind("chain", "x, y, theta", "springs", "two orders", "interference", "springs", "unlike"),
-    "C4": Kind("chain", "x, y, theta", "smooth", "engine order", "none", "none", "matrices"),
-    "R1": Kind("ring", "x", "smooth", "phases", "none", "none", "matrices"),
+    "C4": Kind("chain", "x, y, theta", "smooth", "engine order", "none", "none", "modes"),
+    "R1": Kind("ring", "x", "smooth", "phases", "none", "none", "modes"),
     "R2": Kind("ring", "x", "points", "engine order", "interference", "flow", "alike"),
     "R3": Kind("ring", "x, y", "springs", "phases", "mean loads", "flow", "unlike"),
     "R4": Kind("ring", "x, y", "smooth", "engine order", "none", "flow", "unlike"),
-    "R5": Kind("ring", "x, y, theta", "points", "two orders", "mean loads", "springs", "matrices"),
+    "R5": Kind("ring", "x, y, theta", "points", "two orders", "mean loads", "springs", "modes"),
     "S1": Kind("ring by its sector", "x", "smooth", "engine order", "interference", "springs", "alike"),
     "S2": Kind("ring by its sector", "x, y", "springs", "engine order", "interference", "none", "alike"),
     "S3": Kind("ring by its sector", "x, y", "smooth", "two orders", "mean loads", "flow", "alike"),
@@ -81,9 +78,9 @@ def may_be(kind: dict[str, str]) -> bool:
         layout not in (None, "pair") or coupling not in (None, "none") or kind.get("loads") == "interference"
     ):
         return False
-    if layout == "pair" and (coupling == "flow" or blades == "matrices"):
+    if layout == "pair" and coupling == "flow":
         return False
-    if blades == "matrices" and contact == "none":
+    if blades == "modes" and contact == "none":
         return False
     return not (layout == "ring by its sector" and (kind.get("drive") == "phases" or blades not in (None, "alike")))
 
@@ -97,8 +94,22 @@ def missing_pairs() -> list[dict[str, str]]:
     return [pair for pair in pairs if may_be(pair) and not any(pair.items() <= kind.items() for kind in kinds)]
 
 
+MODES = [  # those of the lumped blades, each of which moves the shroud a little in the other coordinates
+    line
+    for f, zeta, shape in (
+        (178.0, 0.22, (3.5, -0.3, 7.0)),
+        (308.0, 0.19, (0.4, 3.5, -3.5)),
+        (142.0, 0.22, (1.2, 0.6, 63.0)),
+    )
+    for line in (
+        *("[[blades.modes]]", f"f = {f}", f"zeta = {zeta}"),
+        *map("phi_{} = {}".format, ("x", "y", "theta"), shape),
+    )
+]
+
+
 def scene_text(kind: Kind) -> str:
-    """The scene as a file; blades by matrices and laws of one's own are put in afterwards."""
+    """The scene as a file; laws of one's own are put in afterwards."""
     n = BLADES[kind.layout]
     is_row = kind.layout != "pair"
     is_ring = "ring" in kind.layout
@@ -112,8 +123,12 @@ def scene_text(kind: Kind) -> str:
     if kind.coupling == "flow":
         lines += ["[row.aero]", "L0 = [0, 500]", "L1 = [-100, 50]", "L_1 = [100, 50]"]
     mass = [0.08, 0.082, 0.079, 0.081][:n] if unlike else 0.08
-    lines += ["[blades]", f"m = {mass}", "I = 2.5e-4", "k_x = 1e5", "k_y = 3e5", "k_T = 200", "c_x = 40", "c_y = 60"]
-    lines += ["c_T = 0.1", "[shroud]", "alpha = '60 deg'", "l_oa = 0.05", "l_ab = 0.035"]
+    if kind.blades == "modes":
+        lines += MODES
+    else:
+        lines += ["[blades]", f"m = {mass}", "I = 2.5e-4", "k_x = 1e5", "k_y = 3e5", "k_T = 200", "c_x = 40"]
+        lines += ["c_y = 60", "c_T = 0.1"]
+    lines += ["[shroud]", "alpha = '60 deg'", "l_oa = 0.05", "l_ab = 0.035"]
     lines += [f"gap = {-2e-5 if kind.loads == 'interference' else 2e-5}", "[contact]", "gamma = 1.5"]
     lines += {"smooth": ["width = '0.2 mm'"], "points": ["points = 2"]}.get(kind.contact, [])
     lines += ["[friction]", "k_d = 1e5", "mu = 0.5", "[drive]"]
@@ -129,42 +144,16 @@ def scene_text(kind: Kind) -> str:
             lines += ["[[drive.harmonic]]", f"engine_order = {order}", f"F = {force}", "beta = '30 deg'"]
     else:
         lines += ["F_0 = 40", "M_0 = 0", "beta = '30 deg'"]
-    if kind.loads == "interference" and kind.contact != "smooth" and kind.blades != "matrices":
+    if kind.loads == "interference" and kind.contact != "smooth" and kind.blades != "modes":
         lines += ["[initial]", "start = 'static'"]
     lines += ["[parts]", f"motion = [{', '.join(repr(q) for q in kind.motion.split(', '))}]"]
     lines += [f"contact = '{kind.contact}'"] if kind.contact in ("smooth", "none") else []
     return "\n".join([*lines, "[run]", "periods = 4", "transient = 8", ""])
 
 
-class ModalBlades(Blades):
-    """Blades by the matrices of three modes each."""
-
-    modal: BladeMatrices
-
-    def __init__(self, blades: Blades, modal: BladeMatrices):
-        for name, number in vars(blades).items():
-            setattr(self, name, number)
-        self.modal = modal
-
-    def matrices(self) -> BladeMatrices:
-        """Mass, damping, stiffness and the map to the shroud."""
-        return self.modal
-
-
-def with_matrices(scene: js.Scene, n: int) -> js.Scene:
-    """The scene with blades of three modes."""
-    shapes = np.array([[1.0, 0.1, 0.02], [-0.08, 1.0, 0.01], [2.0, -1.0, 1.0]])
-    parts = np.diag([0.08, 0.08, 2.5e-4]), np.diag([40.0, 60.0, 0.1]), np.diag([1e5, 3e5, 200.0]), shapes
-    modal = BladeMatrices(*(jnp.asarray(np.broadcast_to(part, (n, 3, 3))) for part in parts))
-    return eqx.tree_at(lambda s: s.blades, scene, ModalBlades(scene.blades, modal))
-
-
 def python_scene(kind: Kind, file: Path) -> js.Scene:
     """The scene of a kind that no file gives."""
-    scene = js.load(file).scene
-    if kind.contact == "own law":
-        return js.with_contact_law(scene, js.Laws(js.Hertz(1e7)))
-    return with_matrices(scene, BLADES[kind.layout])
+    return js.with_contact_law(js.load(file).scene, js.Laws(js.Hertz(1e7)))
 
 
 STEPS = ["--tableau", "rk4", "--steps-per-period", "80"]
@@ -204,7 +193,14 @@ COMMANDS: dict[str, list[str]] = {
     ],
     "trade": ["scene.toml", "--transient", "4", "--lanes", "8", "--out", "trade"],
 }
-DESIGNS = "blades.c_x [N s/m]\n40\n50\n"
+OF_MODES = {  # in the place of these words
+    "blades.c_x,drive.omega": "blades.modes[0].zeta,drive.omega",
+    "blades.c_x=20%": "blades.modes[0].zeta=20%",
+    "blades.c_x=40:80": "blades.modes[0].zeta=0.2:0.3",
+    "blades.c_x=30:60": "blades.modes[0].zeta=0.2:0.3",
+}
+DESIGNS = {"modes": "blades.modes[0].zeta\n0.2\n0.3\n"}
+USUAL_DESIGNS = "blades.c_x [N s/m]\n40\n50\n"
 MEASURED = "t [ms],x_1 [mm]\n1,0.01\n2,0.04\n3,0.09\n4,0.12\n"
 
 
@@ -276,13 +272,14 @@ def answers_of(name: str, verbs: Iterable[str]) -> Iterator[tuple[str, str]]:
     with tempfile.TemporaryDirectory() as folder, chdir(folder):
         file = Path("scene.toml")
         file.write_text(scene_text(kind), "utf-8")
-        Path("designs.csv").write_text(DESIGNS, "utf-8")
+        Path("designs.csv").write_text(DESIGNS.get(kind.blades, USUAL_DESIGNS), "utf-8")
         Path("measured.csv").write_text(MEASURED, "utf-8")
         scene = None if kind.by_file else python_scene(kind, file)
         for verb in verbs:
             if verb in OF_RUNS and not Path("run.nc").exists():
                 command_answer(["simulate", *COMMANDS["simulate"]])
-            yield verb, command_answer([verb, *COMMANDS[verb]]) if scene is None else python_answer(verb, scene)
+            words = [OF_MODES.get(word, word) if kind.blades == "modes" else word for word in COMMANDS[verb]]
+            yield verb, command_answer([verb, *words]) if scene is None else python_answer(verb, scene)
 
 
 def stored_answers() -> dict[str, dict[str, str]]:
@@ -310,12 +307,12 @@ comes to an end, not how good its numbers are: that is on the pages of the verbs
 ## The scenes
 """
 BETWEEN = """
-Blades by matrices have three modes each. Unlike blades differ in mass. Phases are those of no engine order.
+Blades by modes have three modes each. Unlike blades differ in mass. Phases are those of no engine order.
 
 ## The answers
 
-A dot: done. A number: the limit of that number below. Empty: not tried. Blades by matrices and laws of a user are given
-in Python, where there are no commands such as `plot`; what takes long was tried for some scenes only.
+A dot: done. A number: the limit of that number below. Empty: not tried. Laws of a user are given in
+Python, where there are no commands such as `plot`; what takes long was tried for some scenes only.
 """
 
 

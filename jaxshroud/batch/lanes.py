@@ -88,7 +88,7 @@ def lanes_at_start(states: State, model: RowModel, method: Choices, each: EachLa
 def carried_states(states: State, model: RowModel) -> State:
     """States as users have them, lanes first, in the form that compiled loops carry, lanes last."""
     if model.is_pair:
-        return state_of_row(jax.vmap(carried_state)(states, model.pair))
+        return carried_by_blades(state_of_row(jax.vmap(carried_state)(states, model.pair)), model)
     states = lanes_last(states)
     motion = states.motion
     if isinstance(motion, Motion):
@@ -97,12 +97,17 @@ def carried_states(states: State, model: RowModel) -> State:
             return name.removeprefix("v_") in model.parts.motion
 
         motion = Motion._make(a if moves(name) else ZERO for name, a in zip(Motion._fields, motion, strict=True))
-        motion = model.blades.carried(motion)
     law = model.interfaces.law
     u_s, mode = states.u_s, states.mode
     if law.has_points and not isinstance(mode, tuple):
         u_s, mode = (jnp.moveaxis(a, 1, 0) for a in (u_s, mode))  # the axis of points first
-    return State(motion, law.carried_slider(u_s, mode), law.carried_mode(mode), states.case)
+    own = State(motion, law.carried_slider(u_s, mode), law.carried_mode(mode), states.case)
+    return carried_by_blades(own, model)
+
+
+def carried_by_blades(state: State, model: RowModel) -> State:
+    """A state, lanes last, with the motion of the blades' own coordinates in the place of that of their shrouds."""
+    return State(model.blades.carried(state.motion), state.u_s, state.mode, state.case)
 
 
 def stored_energies(state: State, model: RowModel, each: EachLane) -> Float[Array, " lanes"]:
@@ -202,7 +207,8 @@ def canonical(state: State, model: RowModel, each: EachLane) -> State:
         def level(a):
             return where(flat, cluster.mean(a), a)
 
-        motion = motion._replace(theta=level(motion.theta), v_theta=level(motion.v_theta))
+        shroud = model.blades.shroud(motion)
+        motion = model.blades.with_turn(motion, level(shroud.theta), level(shroud.v_theta), model.inverse)
     state = State(motion, u_s, state.mode, state.case)
     if is_zero(u_s) or model.interfaces.law.flows:
         return state

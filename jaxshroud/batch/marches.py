@@ -57,15 +57,13 @@ def require_march(scenes: Scene, method: Choices) -> None:
     stepper = stepper_for(method)
     law = law_type(scenes)
     is_pair = scenes.layout == PAIR
-    if is_pair and scenes.blade_matrices is not None:
-        raise InputError("Blades with matrices march in rows so far: the pair's kernels know lumped blades.")
+    if scenes.mode_numbers is not None and stepper is POWER_SERIES:
+        raise InputError("The method taylor does not know blades by modes; take a Runge-Kutta method.")
     if scenes.is_coupled and law is NoContact:
         raise InputError(COUPLED_WITHOUT_CONTACT)
     if not is_pair and law is NoContact:
         raise InputError(LIMITED[NO_CONTACT].refusal())
     if not is_pair and stepper is POWER_SERIES and method.derivative:
         raise InputError(LIMITED["a derivative by the method taylor"].refusal("A derivative by the method taylor"))
-    if scenes.blade_matrices is not None and stepper is POWER_SERIES:
-        raise InputError("The method taylor does not know blades with matrices; take a Runge-Kutta method.")
     if not stepper.knows(law):
         raise InputError(f"The method taylor knows located contact, not {law.called}; take a Runge-Kutta method.")

@@ -17,7 +17,7 @@ from jaxshroud.march.event import GuardEvaluation, any_of, first_kind, present
 from jaxshroud.march.events import transition
 from jaxshroud.march.locate import select
 from jaxshroud.model.arithmetic import ZERO, filled, is_unrolled
-from jaxshroud.model.blade import ElasticMotion
+from jaxshroud.model.blade import ModalMotion
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode, points_last
 from jaxshroud.model.prepared import Model, State, as_pairs
@@ -80,7 +80,9 @@ def carried_state(state: State, model: Model) -> State:
     def keep(name, pair):
         return tuple(pair[i] if model.parts.has(name, i) else ZERO for i in (0, 1))
 
-    motion = Motion._make(keep(name, pair) for name, pair in zip(names, as_pairs(state.motion), strict=True))
+    motion = as_pairs(state.motion)
+    if isinstance(motion, Motion):
+        motion = Motion._make(keep(name, pair) for name, pair in zip(names, motion, strict=True))
     u_s = model.law.carried_slider(state.u_s, state.mode)
     return State(motion, u_s, model.law.carried_mode(state.mode), state.case)
 
@@ -98,13 +100,14 @@ def on_last_axis(tree: Any) -> Any:
 
 
 def with_zeros(state: State) -> State:
-    """States of shrouds, as compiled loops carry them, with zeros for absent numbers."""
+    """States, as compiled loops carry them, with zeros for absent numbers."""
     z = state.motion
     real = jax.tree.leaves(z)[0].dtype
+    first = z.q[0] if isinstance(z, ModalMotion) else z.x
     u_s = filled(state.u_s, jax.tree.map(lambda case: case.astype(real), state.case))
     if isinstance(state.mode, tuple) and not isinstance(u_s, tuple):
         u_s = tuple(u_s for _ in state.mode)  # one zero stands for all points
-    return State(filled(z, z.x), u_s, state.mode, state.case)
+    return State(filled(z, first), u_s, state.mode, state.case)
 
 
 def without_unrolled_axes(state: State) -> State:
@@ -119,9 +122,7 @@ def motion_rows(motion: Motion) -> np.ndarray:
 
 
 def final_states(state: State) -> State:
-    """The final states of a compiled loop as initial states for users; of elastic blades with their coordinates."""
-    if isinstance(state.motion, ElasticMotion):
-        return state
+    """The final states of a compiled loop as initial states for users; of blades by modes with their coordinates."""
     state = with_zeros(state)
     if is_unrolled(state.case):
         state = without_unrolled_axes(state)
@@ -131,16 +132,16 @@ def final_states(state: State) -> State:
 
 def shroud_motion(motion: Any, scenes: Scene) -> Motion:
     """The motion of the shrouds, fields (lanes, blades), of final states of scenes (leading axis)."""
-    if not isinstance(motion, ElasticMotion):
+    modes = scenes.mode_numbers
+    if modes is None:
         return motion
-    matrices, has = scenes.blade_matrices, scenes.parts.has
-    assert matrices is not None  # which have such motions
-    moves = np.array([has(name, 0) for name in COORDINATES])
 
-    def of(numbers):
-        return np.einsum("lbij,jlb->ilb", np.asarray(matrices.shroud) * moves[:, None], np.stack(numbers))
+    def along(name, shape, numbers):
+        moves = np.array([scenes.parts.has(name, min(i, 1)) for i in range(scenes.layout.blades)])
+        return moves * sum(np.asarray(a) * q for a, q in zip(shape, numbers, strict=True))
 
-    return Motion._make((*of(motion.q), *of(motion.rate)))
+    shapes = list(zip(COORDINATES, modes.shapes, strict=True))
+    return Motion._make(along(*shape, numbers) for numbers in (motion.q, motion.rate) for shape in shapes)
 
 
 def in_scene_precision(state: State, scene: Scene) -> State:

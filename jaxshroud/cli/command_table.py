@@ -17,9 +17,11 @@ from jaxshroud.cli.option_table import (
     shared_option,
     shares,
     speed,
+    vector,
     width,
 )
 from jaxshroud.march.method_names import LINEAR_STATES, RANKED_BY, RESPONSES
+from jaxshroud.scene.keys import MAX_MODES
 from jaxshroud.scene.quantities import REQUIRED_REDUCTIONS
 
 # Pictures of a run: pages of panels and single panels.
@@ -558,11 +560,46 @@ COMMANDS = {
         ),
         module="stored_results",
     ),
+    "reduce": Command(
+        "Make the table of a blade's modes of its finite elements: M, K and the nodes of its shroud.",
+        "jaxshroud reduce blade.npz --shroud 177,178,179,180 --modes 6 --zeta 0.002 --out blade.csv",
+        (
+            Option("stiffness", "K: .npz (of all matrices too), Matrix Market, or text of CalculiX", path, metavar="K"),
+            Option("--mass", "M, in a file of its own", path, metavar="FILE"),
+            Option("--damping", "C, in a file of its own", path, metavar="FILE"),
+            Option("--dofs", "what each row is: lines node.direction", path, metavar="FILE"),
+            Option("--nodes", "coordinates, of the shroud's nodes at least: lines node, x, y, z", path, metavar="FILE"),
+            Option("--shroud", "nodes of the shroud, or @FILE", metavar="N1,N2", required=True),
+            Option("--fixed", "nodes or unknowns that are held, or @FILE", metavar="N1,N2"),
+            Option("--origin", "centre of the shroud; by default the mean of its nodes", vector, metavar="X,Y,Z"),
+            Option("--x-axis", "direction along l_oa; 1,0,0 by default", vector, metavar="X,Y,Z"),
+            Option("--y-axis", "direction of y; 0,1,0 by default", vector, metavar="X,Y,Z"),
+            Option("--modes", "how many are kept", count(1, MAX_MODES), 6, metavar="N", dest="n_modes"),
+            Option("--zeta", "damping ratio of all modes, without --damping", number, 0.0),
+            Option("--no-residuals", "leave residual vectors out", action="store_false", dest="residuals"),
+            Option(
+                "--residual-frequency",
+                "that stiffer residual vectors are given [Hz], or inf; by default eight times the highest mode's",
+                number,
+                metavar="F",
+            ),
+            Option(
+                "--contact-stiffness",
+                "leave out residual vectors that are stiff beside it [N/m]",
+                positive,
+                metavar="K",
+            ),
+            Option("--units", "of the model", default="si", choices=("si", "mm-t-s", "mm-kg-s")),
+            shared_option("--out", help="the table, for [blades] modes", metavar="FILE.csv"),
+            shared_option("--force", help="replace an existing file"),
+        ),
+        module="reduce",
+    ),
     "scenes": Command("List the shipped scenes.", "jaxshroud scenes", module="describe"),
 }
 
 GROUPS = {  # of commands, by the questions that they answer; the first of each has its example in --help
-    "Are the numbers of a scene sound?": ("check", "explain", "scenes"),
+    "Are the numbers of a scene sound?": ("check", "explain", "reduce", "scenes"),
     "What does one scene do?": ("simulate", "diagnose", "power", "explore"),
     "What happens over a number?": ("sweep", "response", "branch"),
     "Which motions are there, and how stable are they?": ("orbit", "lyapunov", "attractors", "basins"),

@@ -89,7 +89,7 @@ def _print_projection_of_march(call: VerbCall) -> None:
     method = march.method._replace(amplitudes=True)
     plan = Plan(chosen["transient"], chosen["n_periods"], march.steps, 0.0, method)
     (values,) = chosen["along"].values()
-    lanes, blades = len(scenes.drive.omega), scenes.blades.m.shape[-1]
+    lanes, blades = len(scenes.drive.omega), scenes.layout.blades
     size = search_size(chosen["scan"], chosen["starts"], chosen["updates"], None, direction)
     searched = 0 if size is None else size.most_patterns(1 + blades / len(values)) * len(values)
     print_projection_of_long_run(

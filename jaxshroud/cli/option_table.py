@@ -74,6 +74,14 @@ def shares(text: str) -> list[float]:
     return [positive(part) for part in text.split(",")]
 
 
+def vector(text: str) -> list[float]:
+    """Three numbers between commas."""
+    numbers = [number(part) for part in text.split(",")]
+    if len(numbers) != 3:
+        raise argparse.ArgumentTypeError(f"must be three numbers between commas, but is {text!r}")
+    return numbers
+
+
 def engine_orders(text: str) -> list[float]:
     """Positive numbers between commas, or A..B for all whole numbers from A to B."""
     if ends := re.fullmatch(r"(\d{1,3})\.\.(\d{1,3})", text):

@@ -7,8 +7,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.cache.programs import kept
-from jaxshroud.linear.natural_modes import NaturalContact, contact_stiffness, drive_loads, linear_contact
+from jaxshroud.linear.natural_modes import (
+    LinearContact,
+    NaturalContact,
+    contact_stiffness,
+    drive_loads,
+    linear_contact,
+)
 from jaxshroud.model.linear_system import solutions
+from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.modes import ModalBlades
 from jaxshroud.scene.scene import Scene
 
 
@@ -39,10 +47,15 @@ def linear_systems(scenes: Scene, contact: NaturalContact, coordinate: int) -> M
     """
 
     def one(scene: Scene) -> MistunedSystem:
-        system, b = linear_contact(scene), scene.blades
-        free = jnp.asarray(system.directions(contact), b.m.dtype)
-        each = jnp.tile(jnp.eye(b.m.shape[-1], dtype=b.m.dtype), (3, 1))
-        own = jnp.concatenate([b.k_x, b.k_y, b.k_T])
+        system, blades, b = linear_contact(scene), scene.layout.blades, scene.blades
+        dtype = scene.drive.omega.dtype
+        if isinstance(b, ModalBlades):
+            _require_no_common_turn(system, contact)
+            own = jnp.concatenate(b.numbers().stiffness)
+        else:
+            own = jnp.concatenate([b.k_x, b.k_y, b.k_T])
+        free = jnp.asarray(system.directions(contact), dtype)
+        each = jnp.tile(jnp.eye(blades, dtype=dtype), (len(own) // blades, 1))
         return MistunedSystem(
             stiffness=free.T @ (contact_stiffness(system, contact) + system.free.stiffness) @ free,
             damping=free.T @ system.free.damping @ free,
@@ -50,10 +63,19 @@ def linear_systems(scenes: Scene, contact: NaturalContact, coordinate: int) -> M
             mistuned=(free**2).T @ (own[:, None] * each),
             omega=scene.drive.omega,
             loads={n: load @ free.astype(load.dtype) for n, load in drive_loads(scene).items()},
-            coordinate=free.reshape(3, b.m.shape[-1], -1)[coordinate],
+            coordinate=system.shroud_motion(free.T).T.reshape(3, blades, -1)[coordinate],
         )
 
     return jax.vmap(one)(scenes)
+
+
+def _require_no_common_turn(system: LinearContact, contact: NaturalContact) -> None:
+    """Raise an InputError where the directions of blades by modes would depend on their shapes."""
+    if bool(system.turns_as_one) and contact in ("sliding", "stuck"):
+        raise InputError(
+            "Rows of blades by modes whose faces are flat on each other have no closed form with patterns of mistuning "
+            "yet; give faces of points, `contact.points`, or leave theta out of `parts.motion`."
+        )
 
 
 def moving_directions(systems: MistunedSystem) -> np.ndarray:

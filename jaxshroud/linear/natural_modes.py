@@ -24,14 +24,15 @@ from jaxshroud.model.geometry import Corners, contact_kinematics, corners, face_
 from jaxshroud.model.linear_system import (
     LinearSystem,
     complex_loads,
+    coordinates_that_move,
     directions,
     free_system,
-    moving_coordinates,
     over_blades,
+    over_coordinates,
+    shroud_map,
     solutions,
     spring_stiffness,
 )
-from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
 
@@ -44,19 +45,32 @@ HALVINGS = 60
 
 
 class LinearContact(NamedTuple):
-    """All blades and the contact between them as one linear system, with arrays of NumPy or of JAX."""
+    """All blades and the contact between them as one linear system, with arrays of NumPy or of JAX.
+
+    Its D coordinates are those of a `LinearSystem`.
+    """
 
     free: LinearSystem  # without contact
-    moves: np.ndarray  # (3 N,) whether the model has that coordinate
-    v_q: Any  # (E, 3 N) gradient of the penetration of the upper corners of each interface, or of each of its points
-    u_q: Any  # (E, 3 N) gradient of their slide
+    moves: np.ndarray  # (D,) whether the model has that coordinate
+    v_q: Any  # (E, D) gradient of the penetration of the upper corners of each interface, or of each of its points
+    u_q: Any  # (E, D) gradient of their slide
     k: Any  # (E,) normal spring [N/m]
     k_d: Any  # (E,) tangential spring [N/m]
     turns_as_one: np.ndarray  # () whether blocks whose faces touch turn together: those of several points need not
+    shroud: Any = None  # (3 N, D), see `shroud_map`
+    shroud_mass: Any = None  # (3 N,) of the shrouds of blades by modes [kg, kg m^2]
 
     def directions(self, contact: NaturalContact) -> FloatArray:
         """The directions in which the blocks can move in one state of contact, as columns."""
-        return free_directions(self.moves, bool(self.turns_as_one) and contact in ("sliding", "stuck"))
+        as_one = bool(self.turns_as_one) and contact in ("sliding", "stuck")
+        if self.shroud is None:
+            return free_directions(self.moves, as_one)
+        own = np.eye(len(self.moves))[:, self.moves]
+        return own @ _turning_as_one(np.asarray(self.shroud) @ own) if as_one else own
+
+    def shroud_motion(self, shape: Any) -> Any:
+        """The displacements (..., 3 N) of the shrouds from those of the coordinates."""
+        return shape if self.shroud is None else shape @ self.shroud.T
 
 
 class NaturalModes(NamedTuple):
@@ -91,9 +105,8 @@ def linear_contact(scene: Scene) -> LinearContact:
 
     Contact is where the upper corners meet without a gap, or at all points of the faces.
     """
-    if scene.blade_matrices is not None:
-        raise InputError("Natural modes with contact are those of lumped blades so far, not of blades by matrices.")
     free, points, layout = free_system(scene), scene.contact.points, scene.layout
+    shroud = shroud_map(scene)
     block = corners(scene.shroud, scene.contact.reading, points)._replace(gap=jnp.zeros_like(scene.shroud.alpha))
 
     def of_each(k):
@@ -102,23 +115,42 @@ def linear_contact(scene: Scene) -> LinearContact:
     def at_interfaces(gradient):
         of_points = jnp.atleast_2d(gradient)
         of_each = jnp.broadcast_to(of_points, (layout.interfaces, *of_points.shape))
-        return over_blades(of_each, layout).reshape(-1, free.mass.size)
+        return over_coordinates(over_blades(of_each, layout).reshape(-1, 3 * layout.blades), shroud)
 
-    v_q, u_q = map(at_interfaces, contact_gradients(UPPER_CORNERS, block, free.mass[:6]))
+    v_q, u_q = map(at_interfaces, contact_gradients(UPPER_CORNERS, block, jnp.zeros(6, free.mass.dtype)))
     return LinearContact(
         free=free,
-        moves=moving_coordinates(scene),
+        moves=coordinates_that_move(scene),
         v_q=v_q,
         u_q=u_q,
         k=of_each(scene.k),
         k_d=of_each(scene.friction.k_d),
-        turns_as_one=np.array(points is None),
+        turns_as_one=np.array(points is None and "theta" in scene.parts.motion),
+        shroud=shroud,
+        shroud_mass=None if shroud is None else jnp.concatenate(_shroud_masses(scene)),
     )
 
 
+def _shroud_masses(scene: Scene) -> list[Any]:
+    return [m for m, _, _ in scene.resting_blades.oscillators.values()]
+
+
+def _turning_as_one(shroud: FloatArray) -> FloatArray:
+    """The directions, orthonormal columns, in which all shrouds turn by one angle, or none where one cannot.
+
+    Args:
+        shroud: The map from coordinates to x, y and theta of all shrouds (3 N, D).
+    """
+    theta = shroud[2 * len(shroud) // 3 :]
+    unlike = np.diff(theta, axis=0) if np.all(np.any(theta != 0, axis=1)) else theta
+    _, values, rows = np.linalg.svd(unlike)
+    return rows[np.sum(values > TINY) :].T
+
+
 def drive_loads(scene: Scene) -> dict[int, Any]:
-    """The complex amplitudes (3 N,) of the forces and moments, as in Eq. (1), by order n > 0."""
-    return {n: complex_loads(scene, one) for n, one in scene.drive.harmonics().items() if n > 0}
+    """The complex amplitudes (D,) of the forces and moments on the coordinates, as in Eq. (1), by order n > 0."""
+    shroud, loads = shroud_map(scene), scene.drive.harmonics().items()
+    return {n: over_coordinates(complex_loads(scene, one), shroud) for n, one in loads if n > 0}
 
 
 def contact_stiffness(blades: LinearContact, contact: NaturalContact) -> Any:

@@ -22,7 +22,7 @@ from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.coupling import couplings_of_pairs
 from jaxshroud.model.geometry import corners
 from jaxshroud.model.linear import free_reach, steady_amplitudes
-from jaxshroud.model.linear_system import free_system, moving_coordinates
+from jaxshroud.model.linear_system import coordinates_that_move, free_system, over_coordinates, shroud_map
 from jaxshroud.model.prepared import prepared_law
 from jaxshroud.model.row import pair_at
 from jaxshroud.scene.checks import MAX_AUTO_STEPS, InputError, StepTooLongError, count_argument
@@ -75,7 +75,7 @@ def largest_frequency(scene: Scene) -> Scalar:
 class _Stiffness(NamedTuple):
     """The quantities that determine the natural frequencies of a scene."""
 
-    squares: Float[Array, "... 3 6 6"]  # per mass: with the lower corners engaged, with the upper ones, with neither
+    squares: Float[Array, "... 3 n n"]  # per mass: with the lower corners engaged, with the upper ones, with neither
     fading: Float[Array, "..."]  # fastest decay of an overdamped blade [1/s]
     haste: Float[Array, "..."]  # of the slider of smooth contact [1/s]
     relaxation: Float[Array, "..."]  # of the internal state of a user friction law [1/s]
@@ -84,12 +84,15 @@ class _Stiffness(NamedTuple):
 def _stiffness_of(scene: Scene) -> _Stiffness:
     law, block = prepared_law(scene), corners(scene.running_shroud, scene.contact.reading)
     mass, damping, engaged = free_system(scene)
-    own = jnp.concatenate([k for _, _, k in scene.running_blades.oscillators.values()])
-    mobility = jnp.where(moving_coordinates(scene), 1 / mass, 0.0)
+    modes, shroud = scene.mode_numbers, shroud_map(scene)
+    springs = modes.stiffness if modes else [k for _, _, k in scene.running_blades.oscillators.values()]
+    own = jnp.concatenate(springs)
+    mobility = jnp.where(coordinates_that_move(scene), 1 / mass, 0.0)
     k, k_d, haste = filled((law.normal_stiffness, law.tangential_stiffness, law.slider_haste), mass[0])
 
-    def touching(case: Int[Array, ""]) -> Float[Array, "6 6"]:
-        v_q, u_q = contact_gradients(case, block, mass)
+    def touching(case: Int[Array, ""]) -> Float[Array, "n n"]:
+        of_shrouds = contact_gradients(case, block, jnp.zeros(6, mass.dtype))
+        v_q, u_q = (over_coordinates(a, shroud) for a in of_shrouds)
         return engaged + k * jnp.outer(v_q, v_q) + k_d * jnp.outer(u_q, u_q)
 
     stiffness = jnp.concatenate([jax.vmap(touching)(jnp.array([3, 1], jnp.int32)), engaged[None]])
@@ -309,7 +312,7 @@ def _pairs_of_rows(rows: Scene) -> Scene:
     """
 
     def pairs(row: Scene) -> Scene:
-        at = jax.vmap(lambda j: pair_at(row, j))(jnp.arange(row.layout.interfaces))
+        at = jax.vmap(lambda j: pair_at(row, j, by_modes=True))(jnp.arange(row.layout.interfaces))
 
         def stiffness(s: Any) -> Any:
             return (s.contact.k, s.friction.k_d)

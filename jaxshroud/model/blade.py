@@ -1,23 +1,23 @@
 """A blade: mass, damping and stiffness of its coordinates, and the map from them to the shroud's x, y and theta.
 
-The coordinates of a lumped blade are x, y and theta of its shroud. An elastic blade has n coordinates of its own, modal
-ones for example. Both have the same methods: of numbers of one blade, or of arrays for all blades of a row. The pair's
-kernels know lumped blades only.
+The coordinates of a lumped blade are x, y and theta of its shroud. A blade by modes has n coordinates of its own. Both
+have the same methods: of numbers of one blade, or of arrays for all blades of a row.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax.numpy as jnp
 
 from jaxshroud.model.arithmetic import ZERO, is_zero, summed
 from jaxshroud.model.drive import Excitation, Wave
-from jaxshroud.scene.blades import BladeMatrices, Blades
+from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import COORDINATES, Parts
+from jaxshroud.scene.modes import ModeNumbers
 from jaxshroud.scene.scene import Scene
-
-MatrixRows = tuple[tuple[Any, ...], ...]  # a matrix
 
 
 class BladeForces(NamedTuple):
@@ -122,86 +122,75 @@ class LumpedBlade(eqx.Module):
         return kinetic + self.k_x * z.x**2 + self.k_y * z.y**2 + self.k_T * z.theta**2
 
 
-class ElasticMotion(NamedTuple):
-    """The coordinates of an elastic blade and their rates."""
+class ModalMotion(NamedTuple):
+    """The coordinates of a blade by modes and their rates, a number of each mode."""
 
     q: tuple[Any, ...]
     rate: tuple[Any, ...]
 
 
-class ElasticBlade(eqx.Module):
-    """A blade with n coordinates of its own, see `BladeMatrices`.
+class ModalBlade(eqx.Module):
+    """A blade by its modes, see `ModalBlades`: motions `z` are `ModalMotion`s, and accelerations tuples."""
 
-    Motions `z` are `ElasticMotion`s, accelerations tuples, and `inverse` is that of its mass matrix.
-    """
-
-    mass: MatrixRows
-    damping: MatrixRows
-    stiffness: MatrixRows
-    map: tuple[Any, ...]  # three rows: x, y and theta of the shroud; absent where blocks cannot move
-    lift: MatrixRows  # n rows: the coordinates of least norm for each displacement of the shroud that is not absent
+    stiffness: tuple[Any, ...]  # omega^2 of each mode [1/s^2]
+    damping: tuple[Any, ...]  # 2 zeta omega at rest [1/s]
+    shapes: tuple[tuple[Any, ...], ...]  # of x, y and theta, a number of each mode; absent where blocks cannot move
+    lift: tuple[tuple[Any, ...], ...]  # likewise: the coordinates of least norm for a displacement of the shroud
     I: Any  # inertia of the shroud against a turn by itself [kg m^2]
 
-    def inverse_masses(self, parts: Parts) -> MatrixRows:
-        """What multiplies forces to accelerations: the inverse of the mass matrix."""
+    def inverse_masses(self, parts: Parts) -> None:
+        """Nothing: the masses of modes are 1."""
         del parts
-        return inverse_of(self.mass)
 
     def shroud(self, z: Any) -> Motion:
         """The motion of the shroud."""
+        return Motion._make(dot(shape, numbers) for numbers in (z.q, z.rate) for shape in self.shapes)
 
-        def of(numbers):
-            return [row if is_zero(row) else dot(row, numbers) for row in self.map]
-
-        return Motion._make((*of(z.q), *of(z.rate)))
-
-    def carried(self, z: Motion) -> Any:
+    def carried(self, z: Any) -> Any:
         """The motion of the blade's coordinates, of least norm, that moves its shroud so."""
+        if isinstance(z, ModalMotion):
+            return z
+        return ModalMotion(q=self._over_modes(self.lift, z[:3]), rate=self._over_modes(self.lift, z[3:]))
 
-        def of(numbers):
-            return tuple(dot(row, [a for a in numbers if not is_zero(a)]) for row in self.lift)
-
-        return ElasticMotion(of(z[:3]), of(z[3:]))
-
-    def accelerations(self, z: Any, Q: Wave, drive: Excitation, R: BladeForces, inverse: MatrixRows) -> Any:
+    def accelerations(self, z: Any, Q: Wave, drive: Excitation, R: BladeForces, inverse: None) -> Any:
         """The accelerations of all coordinates, at the wave `Q` of the drive and the forces `R` of contact."""
+        del inverse
         on_shroud = [drive.force(name, Q) + own for name, own in zip(COORDINATES, R, strict=True)]
-        lost = zip(times_vector(self.damping, z.rate), times_vector(self.stiffness, z.q), strict=True)
-        forces = [own - c - k for own, (c, k) in zip(self._generalized(on_shroud), lost, strict=True)]
-        return times_vector(inverse, forces)
+        own = zip(self._over_modes(self.shapes, on_shroud), self.damping, z.rate, self.stiffness, z.q, strict=True)
+        return tuple(force - c * rate - k * q for force, c, rate, k, q in own)
 
-    def _generalized(self, forces: Sequence[Any]) -> list[Any]:
-        """The generalized force on each coordinate of forces on the shroud along x, y and theta."""
-        acting = [(row, force) for row, force in zip(self.map, forces, strict=True) if not is_zero(row)]
-        return [summed(row[j] * force for row, force in acting) for j in range(len(self.mass))]
+    def _over_modes(self, rows: tuple[tuple[Any, ...], ...], numbers: Sequence[Any]) -> tuple[Any, ...]:
+        """The sums over x, y and theta of their rows times a number of each."""
+        return tuple(summed(a * b for a, b in zip(column, numbers, strict=True)) for column in zip(*rows, strict=True))
 
-    def rate(self, z: Any, a: tuple[Any, ...]) -> ElasticMotion:
+    def rate(self, z: Any, a: tuple[Any, ...]) -> ModalMotion:
         """The rate of a motion with these accelerations."""
-        return ElasticMotion(z.rate, a)
+        return ModalMotion(z.rate, a)
 
     def turning(self, a: tuple[Any, ...]) -> Any:
         """The angular acceleration of the shroud."""
-        return ZERO if is_zero(self.map[2]) else dot(self.map[2], a)
+        return dot(self.shapes[2], a)
 
-    def turned(self, a: tuple[Any, ...], theta: Any, inverse: MatrixRows) -> tuple[Any, ...]:
+    def turned(self, a: tuple[Any, ...], theta: Any, inverse: None) -> tuple[Any, ...]:
         """The accelerations once a torque on the shroud gives it the angular acceleration `theta`."""
+        del inverse
         torque = self.I * (theta - self.turning(a))
-        return tuple(own + by * torque for own, by in zip(a, times_vector(inverse, self.map[2]), strict=True))
+        return tuple(own + by * torque for own, by in zip(a, self.shapes[2], strict=True))
 
-    def with_turn(self, z: Any, theta: Any, v_theta: Any, inverse: MatrixRows) -> Any:
+    def with_turn(self, z: Any, theta: Any, v_theta: Any, inverse: None) -> Any:
         """The motion once an impulsive torque on the shroud gives it this angle and this angular speed."""
-        return ElasticMotion(self.turned(z.q, theta, inverse), self.turned(z.rate, v_theta, inverse))
+        return ModalMotion(self.turned(z.q, theta, inverse), self.turned(z.rate, v_theta, inverse))
 
     def viscous_power(self, z: Any) -> Any:
         """The power lost in the dampers [W]."""
-        return dot(z.rate, times_vector(self.damping, z.rate))
+        return dot(self.damping, [v * v for v in z.rate])
 
     def twice_energy(self, z: Any) -> Any:
         """Twice the kinetic energy and the energy of the springs [J]."""
-        return dot(z.rate, times_vector(self.mass, z.rate)) + dot(z.q, times_vector(self.stiffness, z.q))
+        return summed(v * v for v in z.rate) + dot(self.stiffness, [q * q for q in z.q])
 
 
-AnyBlade = LumpedBlade | ElasticBlade
+AnyBlade = LumpedBlade | ModalBlade
 
 
 def lumped_blades(b: Blades) -> LumpedBlade:
@@ -211,27 +200,40 @@ def lumped_blades(b: Blades) -> LumpedBlade:
 
 def blades_of_row(scene: Scene) -> AnyBlade:
     """The blades of a row with their mistuning, fields (blades,)."""
-    matrices = scene.blade_matrices
-    return lumped_blades(scene.mistuned_blades) if matrices is None else elastic_blades(matrices, scene.parts)
+    modes = scene.mode_numbers
+    return lumped_blades(scene.mistuned_blades) if modes is None else modal_blades_of(modes, scene.parts)
 
 
-def elastic_blades(matrices: BladeMatrices, parts: Parts) -> ElasticBlade:
-    """Elastic blades, fields (blades,)."""
-    mass, damping, stiffness, shroud = map(matrix_rows, matrices)
-    rows = tuple(row if parts.has(name, 0) else ZERO for name, row in zip(COORDINATES, shroud, strict=True))
-    moving = [row for row in rows if not is_zero(row)]
-    gram = inverse_of([times_vector(moving, row) for row in moving])
-    lift = tuple(times_vector(gram, [row[j] for row in moving]) for j in range(len(mass)))
-    I = 1 / dot(shroud[2], times_vector(inverse_of(mass), shroud[2])) if parts.has("theta", 0) else ZERO
-    return ElasticBlade(mass, damping, stiffness, rows, lift, I)
+def modal_blades_of(modes: ModeNumbers, parts: Parts) -> ModalBlade:
+    """Blades by modes, fields (blades,)."""
+    shapes = [shape if parts.has(name, 0) else None for name, shape in zip(COORDINATES, modes.shapes, strict=True)]
+    none = (ZERO,) * len(modes.stiffness)
+    moving = [shape for shape in shapes if shape is not None]
+    still = [jnp.where(dot(shape, shape) > 0, 0.0, 1.0) for shape in moving]  # a shape of zeros
+    gram = [[dot(a, b) + (still[i] if i == j else 0.0) for j, b in enumerate(moving)] for i, a in enumerate(moving)]
+    lifts = iter(tuple(dot(row, column) for column in zip(*moving, strict=True)) for row in inverse_of(gram))
+    turn = dot(modes.shapes[2], modes.shapes[2])
+    return ModalBlade(
+        stiffness=modes.stiffness,
+        damping=modes.damping,
+        shapes=tuple(none if shape is None else shape for shape in shapes),
+        lift=tuple(none if shape is None else next(lifts) for shape in shapes),
+        I=1 / jnp.where(turn > 0, turn, 1.0),
+    )
 
 
-def matrix_rows(matrix: Any) -> MatrixRows:
-    """The entries of matrices (..., r, c)."""
-    return tuple(tuple(matrix[..., i, j] for j in range(matrix.shape[-1])) for i in range(matrix.shape[-2]))
+def pair_by_modes(blades: ModalBlade, parts: Parts) -> ModalBlade:
+    """Two blades by modes, pairs of numbers, of which a rigid neighbour does not move."""
+
+    def moving(pair: Any) -> tuple[Any, Any]:
+        left, right = (ZERO, ZERO) if is_zero(pair) else pair
+        return left, right if parts.neighbour == "blade" else ZERO
+
+    rows = [tuple(tuple(map(moving, row)) for row in part) for part in (blades.shapes, blades.lift)]
+    return replace(blades, shapes=rows[0], lift=rows[1])
 
 
-def inverse_of(matrix: Sequence[Sequence[Any]]) -> MatrixRows:
+def inverse_of(matrix: Sequence[Sequence[Any]]) -> tuple[tuple[Any, ...], ...]:
     """The inverse of a small symmetric matrix by Gauss-Jordan elimination, without calls of LAPACK."""
     n = len(matrix)
     left, right = [list(row) for row in matrix], [[float(i == j) for j in range(n)] for i in range(n)]
@@ -249,8 +251,3 @@ def inverse_of(matrix: Sequence[Sequence[Any]]) -> MatrixRows:
 def dot(row: Sequence[Any], numbers: Sequence[Any]) -> Any:
     """The sum of the products of the entries of two vectors."""
     return summed(a * b for a, b in zip(row, numbers, strict=True))
-
-
-def times_vector(matrix: Sequence[Sequence[Any]], numbers: Sequence[Any]) -> tuple[Any, ...]:
-    """A matrix times a vector."""
-    return tuple(dot(row, numbers) for row in matrix)

@@ -78,7 +78,7 @@ def means_from_static(scene: Scene, means: Any) -> Any:
 def _response_to(scene: Scene, order: int, load: AnyLoad) -> Amplitudes:
     """The steady response of the free blades to one harmonic."""
     omega = scene.drive.frequency(order)
-    if scene.is_coupled or scene.blade_matrices is not None:
+    if scene.is_coupled or scene.mode_numbers is not None:
         return Amplitudes._make(coupled_response(scene, omega, load))
     return _steady_response(scene, omega, load)
 

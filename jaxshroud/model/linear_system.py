@@ -1,7 +1,7 @@
 """Blades without contact as one linear system: mass, damping, stiffness and loads, and the response to them.
 
 Coordinates are those of the shrouds, x of all N blades, then y, then theta. Blades act on each other by what couples
-them beside their contact. A lumped blade is its shroud; an elastic one is seen by the receptances of its shroud.
+them beside their contact. A lumped blade is its shroud; one by modes is seen by the receptances of its shroud.
 """
 
 from typing import Any, NamedTuple
@@ -12,37 +12,76 @@ from jax import lax
 from jaxtyping import Array, Complex
 
 from jaxshroud.model.arithmetic import Scalar
-from jaxshroud.model.blade import inverse_of, matrix_rows, times_vector
 from jaxshroud.model.coupling import SUFFIXES
 from jaxshroud.scene.drive import AnyLoad
 from jaxshroud.scene.layout import COORDINATES, Layout
+from jaxshroud.scene.modes import ModeNumbers
 from jaxshroud.scene.scene import Scene
 
 
 class LinearSystem(NamedTuple):
-    """Blades that do not touch, by arrays of NumPy or JAX, which may start with axes of lanes."""
+    """Blades that do not touch, by arrays of NumPy or JAX, which may start with axes of lanes.
 
-    mass: Any  # (3 N,) [kg, kg m^2]
-    damping: Any  # (3 N, 3 N)
-    stiffness: Any  # (3 N, 3 N)
+    There are D coordinates: the 3 N of the shrouds of lumped blades; or n N of blades by modes, the first of each
+    blade, then the second and so on.
+    """
+
+    mass: Any  # (D,) [kg, kg m^2]; 1 of modes
+    damping: Any  # (D, D)
+    stiffness: Any  # (D, D)
 
 
 def free_system(scene: Scene) -> LinearSystem:
-    """Lumped blades at the scene's speed with their mistuning, and what couples them beside contact."""
-    b = scene.mistuned_blades
-    xp = b.m.__array_namespace__()
-    mass, damping, stiffness = (xp.concatenate(a, axis=-1) for a in zip(*b.oscillators.values(), strict=True))
+    """The blades at the scene's speed with their mistuning, and what couples them beside contact."""
+    modes, shroud = scene.mode_numbers, shroud_map(scene)
+    if modes is None:
+        mass, damping, stiffness = zip(*scene.mistuned_blades.oscillators.values(), strict=True)
+    else:
+        mass, damping, stiffness = [a * 0 + 1 for a in modes.stiffness], modes.damping, modes.stiffness
+    xp = stiffness[0].__array_namespace__()
+    mass, damping, stiffness = (xp.concatenate(a, axis=-1) for a in (mass, damping, stiffness))
 
     def total(own: Any, kind: str) -> Any:
         diagonal = own[..., None] * np.eye(own.shape[-1], dtype=own.dtype)
-        return diagonal + coupling_matrix(scene, kind) if scene.is_coupled else diagonal
+        if not scene.is_coupled:
+            return diagonal
+        between = coupling_matrix(scene, kind)
+        return diagonal + (between if shroud is None else shroud.swapaxes(-1, -2) @ between @ shroud)
 
     return LinearSystem(mass, total(damping, "c"), total(stiffness, "k"))
+
+
+def shroud_map(scene: Scene) -> Any:
+    """The map (..., 3 N, D) from the coordinates to those of the shrouds; None where they are those."""
+    modes = scene.mode_numbers
+    if modes is None:
+        return None
+    count = scene.layout.blades
+    moves = moving_coordinates(scene).reshape(3, count)
+    xp = modes.stiffness[0].__array_namespace__()
+    rows = [
+        xp.concatenate([(a * own.astype(a.dtype))[..., None] * np.eye(count, dtype=a.dtype) for a in shape], axis=-1)
+        for shape, own in zip(modes.shapes, moves, strict=True)
+    ]
+    return xp.concatenate(rows, axis=-2)
 
 
 def spring_stiffness(k: Any, stretch_q: Any) -> Any:
     """The stiffness (..., n, n) of springs (..., springs) by the gradients (springs, n) of their stretches."""
     return stretch_q.T @ (k[..., None] * stretch_q)
+
+
+def coordinates_that_move(scene: Scene) -> np.ndarray:
+    """Whether the model has each coordinate, (D,)."""
+    modes = scene.mode_numbers
+    if modes is None:
+        return moving_coordinates(scene)
+    return np.tile([scene.parts.has("x", min(i, 1)) for i in range(scene.layout.blades)], len(modes.stiffness))
+
+
+def over_coordinates(a: Any, shroud: Any) -> Any:
+    """Forces on the shrouds, or gradients by their coordinates, (..., 3 N) as those by the coordinates (..., D)."""
+    return a if shroud is None else a @ shroud.astype(a.dtype)
 
 
 def coupling_matrix(scene: Scene, kind: str) -> Any:
@@ -115,14 +154,14 @@ def complex_loads(scene: Scene, drive: AnyLoad) -> Complex[Array, "coordinates"]
 def mean_loads(scene: Scene) -> Any:
     """The mean loads (..., 3 N) on the coordinates that move."""
     mean = scene.drive.harmonics().get(0)
-    m = scene.blades.m
-    xp = m.__array_namespace__()
-    parts = [0 * m] * 3 if mean is None else [mean.load(name) for name in COORDINATES]
+    phase = scene.drive.phase
+    xp = phase.__array_namespace__()
+    parts = [0 * phase] * 3 if mean is None else [mean.load(name) for name in COORDINATES]
     return xp.where(moving_coordinates(scene), xp.concatenate(parts, axis=-1), 0.0)
 
 
 def coupled_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Complex[Array, "3 blades"]:
-    """The complex amplitudes of x, y and theta of coupled or elastic blades under one harmonic.
+    """The complex amplitudes of x, y and theta of coupled blades or blades by modes under one harmonic.
 
     They are infinite or not a number where an undamped row is driven at a natural frequency.
 
@@ -132,7 +171,8 @@ def coupled_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Complex[Arr
         D_h = K + 4 sin^2(pi h / N) K_c + L0 + L1 exp(i 2 pi h / N) + L_1 exp(-i 2 pi h / N).
     """
     load = complex_loads(scene, drive)
-    return (_of_lumped_blades if scene.blade_matrices is None else _of_elastic_blades)(scene, omega, load)
+    modes = scene.mode_numbers
+    return _of_lumped_blades(scene, omega, load) if modes is None else _of_modes(modes, scene, omega, load)
 
 
 def _of_lumped_blades(scene: Scene, omega: Scalar, load: Any) -> Any:
@@ -146,18 +186,17 @@ def _of_lumped_blades(scene: Scene, omega: Scalar, load: Any) -> Any:
     return jnp.stack([solved(held[own, own], load[own]) for own in alone])
 
 
-def _of_elastic_blades(scene: Scene, omega: Scalar, load: Any) -> Any:
+def _of_modes(modes: ModeNumbers, scene: Scene, omega: Scalar, load: Any) -> Any:
     """By the receptances H of the free shrouds: u = H (F - D_c u)."""
-    assert scene.blade_matrices is not None
     count = scene.layout.blades
-    mass, damping, stiffness, shroud = map(matrix_rows, scene.blade_matrices)
-    size = range(len(mass))
-    inverse = inverse_of(
-        [[lax.complex(stiffness[i][j] - mass[i][j] * omega**2, damping[i][j] * omega) for j in size] for i in size]
-    )
-    moving = [scene.parts.has(name, 0) * 1.0 for name in COORDINATES]
-    rows = [[lax.complex(moves * a, 0 * a) for a in row] for moves, row in zip(moving, shroud, strict=True)]
-    H = jnp.stack([jnp.stack(times_vector(rows, times_vector(inverse, column))) for column in rows], axis=1)
+    shapes = jnp.stack([jnp.stack(shape) for shape in modes.shapes])  # (3, n, blades)
+    shapes = shapes * moving_coordinates(scene).reshape(3, 1, -1).astype(shapes.dtype)
+    k, c = (jnp.stack(a) for a in (modes.stiffness, modes.damping))
+    of_modes = lax.complex(k - omega**2, c * omega)
+    shapes = shapes.astype(of_modes.dtype)
+    unbounded = jnp.where(omega == 0, 0.0, jnp.inf).astype(of_modes.dtype)  # a rigid motion has no static place
+    receptance = jnp.where(of_modes == 0, unbounded, 1 / jnp.where(of_modes == 0, 1.0, of_modes))
+    H = jnp.einsum("amn,bmn->abn", shapes * receptance, shapes)
     if not scene.is_coupled:
         return jnp.einsum("abn,bn->an", H, load.reshape(3, count))
     receptance = (H.swapaxes(1, 2)[..., None] * jnp.eye(count, dtype=H.dtype)[:, None]).reshape(3 * count, -1)

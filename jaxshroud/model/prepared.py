@@ -60,7 +60,7 @@ class Mobility(NamedTuple):
 class Model(eqx.Module):
     """A scene prepared for stepping: everything that can be computed once per lane."""
 
-    blades: LumpedBlade
+    blades: LumpedBlade  # or those that stand for blades by modes
     block: Corners
     law: ContactLaw
     drive: Excitation
@@ -88,7 +88,7 @@ def prepared_model(scene: Scene) -> Model:
 
 
 def _mobility(scene: Scene) -> Mobility:
-    b, has = scene.blades, scene.parts.has
+    b, has = scene.resting_blades, scene.parts.has
 
     def of(name, mass):
         return tuple(1 / mass[i] if has(name, i) else ZERO for i in (0, 1))

@@ -38,7 +38,13 @@ from jaxshroud.model.arithmetic import (
     total,
     where,
 )
-from jaxshroud.model.blade import AnyBlade, BladeForces, blades_of_row
+from jaxshroud.model.blade import (
+    AnyBlade,
+    BladeForces,
+    blades_of_row,
+    modal_blades_of,
+    pair_by_modes,
+)
 from jaxshroud.model.coupling import (
     AeroMatrices,
     NeighbourSprings,
@@ -53,7 +59,7 @@ from jaxshroud.model.drive import Excitation, excitation
 from jaxshroud.model.geometry import rotation
 from jaxshroud.model.linear import StaticPosition, static_position
 from jaxshroud.model.modes import FLAT
-from jaxshroud.model.prepared import Model, State, prepared_model
+from jaxshroud.model.prepared import Model, State, as_pairs, prepared_model
 from jaxshroud.model.rhs import (
     ContactEffects,
     Integrals,
@@ -90,7 +96,7 @@ class RowModel(eqx.Module):
 
     blades: AnyBlade  # of each blade, with its mistuning
     drive: Excitation
-    inverse: Any  # what multiplies forces to accelerations: `InverseMasses`, or an inverse mass matrix
+    inverse: Any  # `InverseMasses`: what multiplies forces to accelerations; None for blades by modes
     gyration: Any  # J_A / A [m^2], one for the row
     static: StaticPosition | None  # of each blade, from which power is measured; None: from rest
     interfaces: Model  # the pair at each interface
@@ -152,12 +158,16 @@ def of_left_blade(tree: Any) -> Any:
     return jax.tree.map(lambda a: Unrolled(a[0]) if is_unrolled(a) else a, tree, is_leaf=is_unrolled)
 
 
-def row_of_pair(model: Model) -> RowModel:
+def _row_of_pair(model: Model, scene: Scene) -> RowModel:
     """The row of a pair, unrolled."""
+    modes = scene.mode_numbers
+    blades, inverse = model.blades, model.mobility.inverse
+    if modes is not None:
+        blades, inverse = pair_by_modes(as_pairs(modal_blades_of(modes, scene.parts)), scene.parts), None
     return RowModel(
-        blades=along_blades(model.blades),
+        blades=along_blades(blades),
         drive=along_blades(model.drive),
-        inverse=along_blades(model.mobility.inverse),
+        inverse=along_blades(inverse),
         gyration=model.gyration,
         static=along_blades(model.static),
         interfaces=at_interface(model),
@@ -172,7 +182,7 @@ def prepared_row(scene: Scene) -> RowModel:
     """The constants of a row, or of a pair, which is an unrolled one; without an axis of lanes."""
     row = scene.row
     if row is None:
-        return row_of_pair(prepared_model(scene))
+        return _row_of_pair(prepared_model(scene), scene)
     pairs = jax.vmap(lambda j: prepared_model(pair_at(scene, j)))(jnp.arange(row.interfaces))
     blades = blades_of_row(scene)
     drive = excitation(scene.drive)
@@ -190,8 +200,11 @@ def prepared_row(scene: Scene) -> RowModel:
     )
 
 
-def pair_at(scene: Scene, j: Any) -> Scene:
-    """The pair of blades at interface `j`, without their mistuning, which contact does not feel; a pair is its own."""
+def pair_at(scene: Scene, j: Any, by_modes: bool = False) -> Scene:
+    """The pair of blades at interface `j`, without their mistuning, which contact does not feel; a pair is its own.
+
+    Contact feels no more of the modes of blades than lumped ones that stand for them; `by_modes` keeps the modes.
+    """
     row, s = scene.row, scene.running_shroud
     if row is None:
         return scene
@@ -202,7 +215,7 @@ def pair_at(scene: Scene, j: Any) -> Scene:
 
     width = None if scene.contact.width is None else scene.contact.width[j]
     return Scene(
-        take(scene.running_blades),
+        take(scene.running_modes if by_modes and scene.mode_numbers is not None else scene.running_blades),
         Shroud(s.alpha, s.l_oa, s.l_ab, s.gap[j]),
         Contact(scene.k[j], None, width=width, points=scene.contact.points),
         Friction(scene.friction.k_d[j], scene.friction.mu[j]),

@@ -1,9 +1,8 @@
-"""The blades of a scene, lumped masses on springs or matrices, and what couples them beside their contact."""
+"""The lumped blades of a scene, masses on springs, and what couples blades beside their contact."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
-from jaxtyping import Array, Float
 
 from jaxshroud.scene.fields import PerBlade, per_blade, scalar
 from jaxshroud.scene.keys import AERO_KEYS
@@ -12,28 +11,12 @@ from jaxshroud.scene.speed import grown
 from jaxshroud.scene.valid import check_given, check_numbers
 
 
-class BladeMatrices(NamedTuple):
-    """Blades with n coordinates q of their own, as matrices of each blade: M q'' + C q' + K q = S' (forces).
-
-    The forces are those on the shroud along x and y and the moment on its theta: of the drive and of contact. Both
-    matrices M and K are symmetric; M is positive definite, and the rows of S are independent.
-    """
-
-    mass: Float[Array, "blades n n"]
-    damping: Float[Array, "blades n n"]
-    stiffness: Float[Array, "blades n n"]
-    shroud: Float[Array, "blades 3 n"]  # S: x, y and theta of the shroud are S q
-
-
 class Blades(eqx.Module):
     """Both blades as lumped masses on springs (Sec. 2.1, Table 1).
 
     One value per blade: `blades.m[0]` is the paper's m_1. A single number means two equal blades.
     `m_y` differs from `m` only where Eq. (21) is taken literally. The stiffnesses are those at rest; at the speed Omega
     of the rotor they are k_x + B_x m Omega^2, k_y + B_y m_y Omega^2 and k_T + B_T I Omega^2.
-
-    Blades of your own are a class derived from this one, with fields of further numbers, of which `matrices` are made.
-    They march in rows; files cannot name them. Units of energy and numbers of steps are still those of the lumped ones.
     """
 
     m: PerBlade = eqx.field(converter=per_blade)  # mass [kg]
@@ -79,10 +62,6 @@ class Blades(eqx.Module):
             return [b.k_x, b.k_y, b.k_T, b.B_x, b.B_y, b.B_T]
 
         return eqx.tree_at(places, self, [*k, None, None, None], is_leaf=lambda part: part is None)
-
-    def matrices(self) -> "BladeMatrices | None":
-        """The matrices of blades with coordinates of their own; None: the lumped blades of the article."""
-        return None
 
 
 class Coupling(eqx.Module):

@@ -4,6 +4,7 @@ import difflib
 import json
 from collections.abc import Sequence
 from functools import wraps
+from types import UnionType
 from typing import Any, Literal, NoReturn, TypeVar, get_args
 
 
@@ -81,10 +82,11 @@ def word_argument(name: str, word: object, words: Any) -> None:
         raise InputError(f"Argument `{name}` cannot be {word!r}{hint(str(word), allowed)}")
 
 
-def type_argument(name: str, value: object, kind: type, example: str) -> None:
+def type_argument(name: str, value: object, kind: type | UnionType, example: str) -> None:
     """Raise ValueError unless `value` is an instance of `kind`."""
     if not isinstance(value, kind):
-        raise InputError(f"Argument `{name}` must be a {kind.__name__}, e.g. {example}, but is {value!r}.")
+        words = kind.__name__ if isinstance(kind, type) else " or ".join(one.__name__ for one in kind.__args__)
+        raise InputError(f"Argument `{name}` must be a {words}, e.g. {example}, but is {value!r}.")
 
 
 def checked(cls: Tuple) -> Tuple:

@@ -14,10 +14,13 @@ from jaxshroud.scene.checks import SceneError, did_you_mean, fail, hint
 from jaxshroud.scene.document import resolve_derived_inputs
 from jaxshroud.scene.engine_orders import resolve_orders
 from jaxshroud.scene.file import Axis, SceneFile, table_values
+from jaxshroud.scene.keys import MODE_ENTRY
 from jaxshroud.scene.layout import layout_with
 from jaxshroud.scene.load_table import resolve_table
 from jaxshroud.scene.messages import first_problem
+from jaxshroud.scene.mode_table import resolve_modes
 from jaxshroud.scene.nested_tables import flattened
+from jaxshroud.scene.optional import list_length
 from jaxshroud.scene.overrides import axes, axis, override
 from jaxshroud.scene.point_numbers import with_place_entries
 from jaxshroud.scene.schema import PHYSICS_TABLES, ROW_TYPE, TABLE_MODELS, scene_file_type
@@ -79,13 +82,19 @@ def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str], f
     if isinstance(document.get("initial"), str):
         document["initial"] = {"start": document["initial"]}
     original = copy.deepcopy(document) if len(overrides) else {}
-    overridden = {override(document, text, name) for text in sorted(overrides, key=_precedence)}
+    first = [text for text in overrides if _is_table_of_modes(text)]
+    for text in first:
+        override(document, text, name)
+    resolve_modes(document, folder or Path(), "--set" if first else name, bool(first))
+    others = sorted((text for text in overrides if text not in first), key=_precedence)
+    overridden = {override(document, text, name) for text in others} | {("blades", "modes") for _ in first}
     row = _validated(ROW_TYPE, document, name, overridden).row
     layout = layout_with(row)
     table_note = resolve_table(document, folder or Path(), name, overridden)
     harmonics = resolve_orders(document, name, overridden)
     given = resolve_derived_inputs(document, name, overridden, layout)
-    file = _validated(scene_file_type(layout, harmonics), document, name, overridden)
+    modes = list_length(document["blades"], MODE_ENTRY) if isinstance(document.get("blades"), dict) else 0
+    file = _validated(scene_file_type(layout, harmonics, modes), document, name, overridden)
     physics = {table: getattr(file, table) for table in ("row", "aero", *PHYSICS_TABLES)}
     tables = {table: table_values(of_file) for table, of_file in physics.items() if of_file is not None}
     tables["contact"] = with_place_entries(tables["contact"])
@@ -104,6 +113,11 @@ def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str], f
         return loaded
     place = f"{'--set' if 'sweep' in dict(overridden) else name}: [sweep]"
     return replace(loaded, axes=axes(loaded, file.sweep, place), direction=file.sweep.direction, keep=file.sweep.keep)
+
+
+def _is_table_of_modes(text: str) -> bool:
+    """Whether an override names another table of modes, which is read before numbers of it are set."""
+    return text.partition("=")[0].strip() == "blades.modes"
 
 
 def _precedence(text: str) -> int:

@@ -257,10 +257,17 @@ def consistent(numbers: Numbers, given: Numbers, layout: Layout = PAIR) -> dict[
     for derived in inputs_in(layout):
         if not derived.counts(given):
             continue
-        number = np.asarray(numbers[derived.number.name])
-        rounding = 64 * float(np.finfo(number.dtype).eps)
-        if not np.allclose(derived.value(numbers, given), number, rtol=rounding, atol=0.0, equal_nan=True):
+        if not _gives(derived, numbers, given):
             for name in derived.marks:
                 if by_key.get(name, derived) is derived:
                     kept.pop(name, None)
     return inputs_that_count(kept | needed_order(numbers, given), layout, numbers)
+
+
+def _gives(derived: DerivedInput, numbers: Numbers, given: Numbers) -> bool:
+    """Whether an input gives its number, to rounding; blades that were replaced by modes have none."""
+    if derived.number.name not in numbers:
+        return False
+    number = np.asarray(numbers[derived.number.name])
+    rounding = 64 * float(np.finfo(number.dtype).eps)
+    return np.allclose(derived.value(numbers, given), number, rtol=rounding, atol=0.0, equal_nan=True)

@@ -77,6 +77,7 @@ class Key(NamedTuple):
 
 ANY, POSITIVE, FROM_0 = Range("any"), Range("> 0", 0.0, open=True), Range(">= 0", 0.0)
 ANY_WHOLE = Range("whole", whole=True)
+UP_TO_1 = Range(">= 0, <= 1", 0.0, maximum=1.0)
 FACE = Range("> 0, <= pi/2", 0.0, open=True, maximum=math.pi / 2)
 DISPLAY_UNITS = {  # SI unit, or key -> unit in pictures, and its number per SI unit
     "rad": ("°", 180 / math.pi),

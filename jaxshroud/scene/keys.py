@@ -2,6 +2,7 @@
 
 import re
 from collections import ChainMap
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from jaxshroud.scene.checks import KeyNameError, did_you_mean, hint
@@ -11,6 +12,7 @@ from jaxshroud.scene.key import (
     FACE,
     FROM_0,
     POSITIVE,
+    UP_TO_1,
     Key,
     Range,
     blade_key,
@@ -38,9 +40,11 @@ class Motion(NamedTuple):
 AT_REST = Motion._make([(0.0, 0.0)] * 6)
 KEY_PATTERN = re.compile(r"(?P<name>.*?)(\[(?P<index>0|[1-9]\d{0,3})\])?")
 HARMONIC_ENTRY = re.compile(r"harmonic\[(?P<index>0|[1-9]\d?)\]\.(?P<name>\w+)")  # of the table `drive`
+MODE_ENTRY = re.compile(r"modes\[(?P<index>0|[1-9]\d?)\]\.(?P<name>\w+)")  # of the table `blades`
 POINT_ENTRY = re.compile(r"point\[(?P<index>0|[1-9]\d?)\]\.place")  # of the table `contact`
 SINGLE_LOADS = ("beta", "F_0", "M_0")  # of a drive without a list of harmonics
 MAX_ORDER = 99  # of a harmonic
+MAX_MODES = 16  # of a blade
 MIN_BLADES, MAX_BLADES = 2, 512  # of a row
 TABLES_IN_ROW = ("coupling", "aero")  # that may stand in [row]
 
@@ -195,11 +199,31 @@ COMPLEX_KEYS = {  # of a harmonic by complex amplitudes, in the place of these: 
     for part, part_of_wave in (("re", "with the sine"), ("im", "with the cosine"))
 }
 OF_HARMONIC = {**HARMONIC_KEYS, **COMPLEX_KEYS}
+MODE_KEYS = {  # of each mode of a blade, by their names in its table [[blades.modes]]
+    row.parts[1]: row
+    for row in (
+        blade_key("mode.f", "Hz", FROM_0, "f_{%s}", "natural frequency", "178 Hz", "natural frequency at rest"),
+        blade_key("mode.zeta", "", UP_TO_1, r"\zeta_{%s}", "damping ratio", 0.002, "damping ratio at rest", 0.0),
+        blade_key("mode.phi_x", "kg^-0.5", ANY, r"\phi_{x,%s}", "shape along x", 3.5, default=0.0),
+        blade_key("mode.phi_y", "kg^-0.5", ANY, r"\phi_{y,%s}", "shape along y", 3.5, default=0.0),
+        blade_key(
+            "mode.phi_theta",
+            "rad m^-1 kg^-0.5",
+            ANY,
+            r"\phi_{\theta,%s}",
+            "turn of the shroud",
+            20.0,
+            "turn of the shroud, positive clockwise",
+            0.0,
+        ),
+        blade_key("mode.B", "", ANY, "B_{%s}", "growth with speed", 1.5, "growth of omega^2, by speed^2", None),
+    )
+}
 PLACE_KEY = scene_key("contact.place", "m", ANY, "s_{%s}", "place", "17.5 mm", "place up the face from its middle")
 
 
 class KeyTable(ChainMap[str, Key]):
-    """The keys by their names. Those of harmonics and of points of contact, of any number, are not listed."""
+    """The keys by their names. Those of harmonics, modes and points of contact, of any number, are not listed."""
 
     def __contains__(self, name: object) -> bool:
         return super().__contains__(name) or (isinstance(name, str) and numbered_key(name) is not None)
@@ -212,8 +236,8 @@ class KeyTable(ChainMap[str, Key]):
 
 
 def numbered_key(name: str) -> Key | None:
-    """The key of a number of one harmonic or one point of contact; None for any other name."""
-    return harmonic_key(name) or point_key(name)
+    """The key of a number of one harmonic, one mode or one point of contact; None for any other name."""
+    return harmonic_key(name) or mode_key(name) or point_key(name)
 
 
 def point_key(name: str) -> Key | None:
@@ -229,12 +253,22 @@ def point_key(name: str) -> Key | None:
 
 def harmonic_key(name: str) -> Key | None:
     """The key of a number of one harmonic, `drive.harmonic[1].F`; None for any other name."""
-    table, _, entry = name.partition(".")
-    match = HARMONIC_ENTRY.fullmatch(entry)
-    if table != "drive" or match is None or match["name"] not in OF_HARMONIC:
+    return _key_in_list(name, "drive", HARMONIC_ENTRY, OF_HARMONIC, "harmonic")
+
+
+def mode_key(name: str) -> Key | None:
+    """The key of a number of one mode of the blades, `blades.modes[1].f`; None for any other name."""
+    return _key_in_list(name, "blades", MODE_ENTRY, MODE_KEYS, "mode")
+
+
+def _key_in_list(name: str, of: str, entry: re.Pattern, rows: Mapping[str, Key], kind: str) -> Key | None:
+    """The key of a number of one table in a list of tables of one kind."""
+    table, _, own = name.partition(".")
+    match = entry.fullmatch(own)
+    if table != of or match is None or match["name"] not in rows:
         return None
-    row, index = OF_HARMONIC[match["name"]], match["index"]
-    words = f" of harmonic [{index}]"
+    row, index = rows[match["name"]], match["index"]
+    words = f" of {kind} [{index}]"
     return row._replace(name=name, symbol=row.symbol % index, label=row.label + words, about=row.about + words)
 
 

@@ -10,9 +10,9 @@ from pydantic_core import ErrorDetails
 
 from jaxshroud.scene.checks import KeyNameError, SceneError, did_you_mean, hint, toml_text
 from jaxshroud.scene.file_rules import NO_STIFFNESS
-from jaxshroud.scene.keys import INPUT_KEYS
+from jaxshroud.scene.keys import INPUT_KEYS, MODE_ENTRY
 from jaxshroud.scene.layout import PAIR
-from jaxshroud.scene.optional import harmonic_forms
+from jaxshroud.scene.optional import harmonic_forms, list_length
 from jaxshroud.scene.schema import TABLE_MODELS, Table, table_models
 
 UNKNOWN_KEY = "extra_forbidden"  # the type of this error in pydantic
@@ -67,9 +67,10 @@ def _all_missing(missing: Sequence[ErrorDetails], document: Mapping[str, Any]) -
 
 
 def _model_of(table: str, document: Mapping[str, Any]) -> type[Table]:
-    """The model of a table, which knows the harmonics of the document."""
-    drive = document.get("drive")
-    return table_models(PAIR, harmonic_forms(drive) if isinstance(drive, Mapping) else ())[table]
+    """The model of a table, which knows the harmonics and the modes of the document."""
+    drive, blades = document.get("drive"), document.get("blades")
+    harmonics = harmonic_forms(drive) if isinstance(drive, Mapping) else ()
+    return table_models(PAIR, harmonics, list_length(blades, MODE_ENTRY) if isinstance(blades, Mapping) else 0)[table]
 
 
 def _required_keys(table: str) -> list[str]:

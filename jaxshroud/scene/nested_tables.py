@@ -1,49 +1,73 @@
 """The tables within tables of a file as entries and tables of their own.
 
-[[drive.harmonic]] becomes entries of [drive], `harmonic[1].F`, and [row.coupling] and [row.aero] tables of their own,
-the latter with the parts of its influence coefficients.
+[[drive.harmonic]] becomes entries of [drive], `harmonic[1].F`, and so does [[blades.modes]]; [row.coupling] and
+[row.aero] become tables of their own, the latter with the parts of its influence coefficients.
 """
 
-from collections.abc import Mapping
-from typing import Any
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 from jaxshroud.scene.checks import fail, toml_text
-from jaxshroud.scene.keys import AERO_KEYS, TABLES_IN_ROW
-from jaxshroud.scene.optional import A_HARMONIC, split_harmonics
+from jaxshroud.scene.keys import AERO_KEYS, HARMONIC_ENTRY, MODE_ENTRY, TABLES_IN_ROW
+from jaxshroud.scene.optional import A_HARMONIC, A_MODE, split_list
 from jaxshroud.scene.point_numbers import with_listed_places
 
 FileDocument = dict[str, Any]
+
+
+class TableList(NamedTuple):
+    """A list of tables within a table of a file."""
+
+    table: str
+    name: str
+    entry: re.Pattern  # of its entries
+    example: str
+
+
+LISTS = (
+    TableList("drive", "harmonic", HARMONIC_ENTRY, A_HARMONIC),
+    TableList("blades", "modes", MODE_ENTRY, A_MODE),
+)
 COEFFICIENTS = ("L0", "L1", "L_1")  # written as [real, imaginary] in a file
 AN_EXAMPLE = 'e.g. L1 = ["-500 N/m", "-2e3 N/m"]'
 
 
 def flattened(document: FileDocument, where: str) -> FileDocument:
-    """The document of a file, changed in place, with its harmonics as entries of [drive]; see `with_own_tables` too.
+    """The document of a file, changed in place, with lists of tables as entries; see `with_own_tables` too.
 
     Raises:
         SceneError: They are no tables, or there is none.
     """
-    drive = with_own_tables(document, where).get("drive")
-    if not isinstance(drive, dict) or "harmonic" not in drive:
-        return document
-    harmonics = drive.pop("harmonic")
-    if not isinstance(harmonics, list) or not harmonics or not all(isinstance(one, dict) and one for one in harmonics):
-        fail(where, f"[drive] harmonic = {toml_text(harmonics)} must be a list of tables with keys, e.g. {A_HARMONIC}")
-    for i, one in enumerate(harmonics):
-        drive |= {f"harmonic[{i}].{name}": value for name, value in one.items()}
+    document = with_own_tables(document, where)
+    for listed in LISTS:
+        rows = document.get(listed.table)
+        if not isinstance(rows, dict) or listed.name not in rows or isinstance(rows[listed.name], str):
+            continue
+        every = rows.pop(listed.name)
+        if not isinstance(every, list) or not every or not all(isinstance(one, dict) and one for one in every):
+            text = f"[{listed.table}] {listed.name} = {toml_text(every)}"
+            fail(where, f"{text} must be a list of tables with keys, e.g. {listed.example}")
+        rows |= list_entries(listed.name, every)
     return document
 
 
+def list_entries(name: str, tables: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """The tables of a list as entries of the table that they stand in."""
+    return {f"{name}[{i}].{entry}": value for i, one in enumerate(tables) for entry, value in one.items()}
+
+
 def nested(tables: Mapping[str, Any]) -> dict[str, Any]:
-    """The tables of a file as they stand there: harmonics as tables, places of points as a list, tables of [row]."""
+    """The tables of a file as they stand there: lists of tables, places of points as a list, tables of [row]."""
     tables = dict(with_tables_in_row(tables))
-    drive, contact = tables.get("drive"), tables.get("contact")
+    contact = tables.get("contact")
     if isinstance(contact, Mapping):
         tables["contact"] = with_listed_places(contact)
-    if not isinstance(drive, Mapping):
-        return tables
-    plain, harmonics = split_harmonics(drive)
-    return {**tables, "drive": {**plain, "harmonic": harmonics}} if harmonics else tables
+    for listed in LISTS:
+        if isinstance(tables.get(listed.table), Mapping):
+            plain, every = split_list(tables[listed.table], listed.entry)
+            tables[listed.table] = {**plain, listed.name: every} if every else plain
+    return tables
 
 
 def with_own_tables(document: dict[str, Any], where: str) -> dict[str, Any]:

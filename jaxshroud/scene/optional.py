@@ -1,5 +1,6 @@
 """The numbers that a scene may be without: what stands for them, and how they are refused where nothing does."""
 
+import re
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -9,6 +10,7 @@ from jaxshroud.scene.keys import (
     ALL_KEYS,
     COMPLEX_KEYS,
     HARMONIC_ENTRY,
+    MODE_ENTRY,
     POINT_ENTRY,
     SINGLE_LOADS,
     keys_of_table,
@@ -22,11 +24,17 @@ COUPLINGS = tuple(row.name for row in (*keys_of_table("coupling"), *AERO_KEYS))
 # of which a scene without them is the same
 WITHOUT_EFFECT = {"drive.level": 1.0, **dict.fromkeys((*MEAN_LOADS, *COUPLINGS, *GROWTHS), 0.0)}
 A_HARMONIC = "[[drive.harmonic]] with order = 2, F = 20 and beta = 0.5"  # an example
+A_MODE = "[[blades.modes]] with f = 178, zeta = 0.002 and phi_x = 3.5"  # likewise
 
 
 def harmonic_count(entries: Iterable[str]) -> int:
     """How many harmonics the entries of a table `drive` have; 0 for a drive without a list of them."""
-    matches = [HARMONIC_ENTRY.fullmatch(entry) for entry in entries]
+    return list_length(entries, HARMONIC_ENTRY)
+
+
+def list_length(entries: Iterable[str], pattern: re.Pattern) -> int:
+    """How many tables the entries of a table have in the list of those that match a pattern."""
+    matches = [pattern.fullmatch(entry) for entry in entries]
     return 1 + max((int(match["index"]) for match in matches if match), default=-1)
 
 
@@ -47,17 +55,17 @@ def harmonic_forms(entries: Iterable[str]) -> tuple[HarmonicForm, ...]:
     return tuple(forms)
 
 
-def split_harmonics(entries: Mapping[str, Any]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """The entries of a table `drive` that are of no harmonic, and those of each harmonic by their names in it."""
+def split_list(entries: Mapping[str, Any], pattern: re.Pattern) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """The entries of a table that are of no table in a list, and those of each such table by their names in it."""
     plain: dict[str, Any] = {}
-    harmonics: list[dict[str, Any]] = [{} for _ in range(harmonic_count(entries))]
+    listed: list[dict[str, Any]] = [{} for _ in range(list_length(entries, pattern))]
     for entry, value in entries.items():
-        match = HARMONIC_ENTRY.fullmatch(entry)
+        match = pattern.fullmatch(entry)
         if match is None:
             plain[entry] = value
         else:
-            harmonics[int(match["index"])][match["name"]] = value
-    return plain, harmonics
+            listed[int(match["index"])][match["name"]] = value
+    return plain, listed
 
 
 def require_number(name: str, present: Collection[str], where: str = "") -> None:
@@ -84,6 +92,8 @@ def _absence(name: str, present: Collection[str]) -> str:
     entries = [key.partition(".")[2] for key in present if key.startswith(f"{table}.")]
     if table == "contact" and (point := POINT_ENTRY.fullmatch(entry)):
         return no_place(int(point["index"]), place_count(entries))
+    if table == "blades":
+        return _why_not_of_blades(name, entry, list_length(entries, MODE_ENTRY))
     match, count = HARMONIC_ENTRY.fullmatch(entry), harmonic_count(entries)
     if table != "drive":
         return ""
@@ -100,6 +110,18 @@ def _absence(name: str, present: Collection[str]) -> str:
     return ""
 
 
+def _why_not_of_blades(name: str, entry: str, count: int) -> str:
+    """Why a scene whose blades have so many modes, or are lumped, lacks a number of them; empty: it can have it."""
+    mode = MODE_ENTRY.fullmatch(entry)
+    if mode is None:
+        other = f"the scene has no {name}, as its blades are given by modes; name one of these, such as"
+        return f"{other} blades.modes[0].f" if count else ""
+    if not count:
+        return f"the scene has no {name}: its blades are lumped, without [[blades.modes]]"
+    of = "one mode" if count == 1 else f"{count} modes"
+    return "" if int(mode["index"]) < count else f"the scene has no {name}: its blades have {of}, numbered from 0"
+
+
 def _in_words(harmonics: int) -> str:
     return f"{harmonics} harmonic{'s' * (harmonics > 1)}"
 
@@ -112,4 +134,4 @@ def standing_for(name: str, numbers: Mapping[str, Any]) -> Any:
         row = ALL_KEYS[name]
         like = "drive.phase" if row.pair else "shroud.gap" if row.per_interface else "drive.omega"
         return WITHOUT_EFFECT[name] + 0 * numbers[like]
-    return 0 * numbers[name.replace(".phase", ".F")]  # of a harmonic
+    return 0 * numbers[name.replace(".phase", ".F").replace(".B", ".f")]  # of a harmonic, or of a mode

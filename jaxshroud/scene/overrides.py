@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from jaxshroud.scene.checks import MAX_VALUES, fail, toml_text
-from jaxshroud.scene.derived_inputs import BLOCK, DERIVED_BY_KEY, alternative_keys, check_known
+from jaxshroud.scene.derived_inputs import BLOCK, alternative_keys, check_known
 from jaxshroud.scene.document import worked_out_numbers
 from jaxshroud.scene.engine_orders import set_orders
 from jaxshroud.scene.file import Axis, SceneFile
@@ -18,6 +18,7 @@ from jaxshroud.scene.keys import (
     ANY,
     HARMONIC_ENTRY,
     KEYS,
+    MODE_ENTRY,
     POINT_ENTRY,
     Key,
     find_key,
@@ -33,7 +34,9 @@ from jaxshroud.scene.replacing import require_own_stiffness
 from jaxshroud.scene.schema import ROW_TYPE, TABLE_MODELS, RowTable, SweepTable, number_type
 from jaxshroud.scene.speed import ORDER, check_is_no_speed, keys_in, replaced_by, require_phases_of_order
 
-OVERRIDE = re.compile(r"\s*([a-z]+)\.(\w+|(?:harmonic|point)\[\d+\]\.\w+)(?:\[(0|[1-9]\d{0,3})\])?\s*=\s*(\S.*?)\s*")
+OVERRIDE = re.compile(
+    r"\s*([a-z]+)\.(\w+|(?:harmonic|modes|point)\[\d+\]\.\w+)(?:\[(0|[1-9]\d{0,3})\])?\s*=\s*(\S.*?)\s*"
+)
 WORDS = re.compile(r"[a-zA-Z_][\w.]*(\s*,\s*[a-zA-Z_][\w.]*)+")
 BRACKETS = re.compile(r"\[[^\[\]\"'{}]+\]")
 # Setting the left key drops the right ones, which say the same.
@@ -97,7 +100,7 @@ def override(document: dict[str, Any], text: str, file: str) -> tuple[str, str]:
             "--set",
             "drive.harmonic is a list of tables of a file; set one of its numbers, e.g. drive.harmonic[0].F=20",
         )
-    if HARMONIC_ENTRY.fullmatch(name):
+    if HARMONIC_ENTRY.fullmatch(name) or (table == "blades" and name != "modes"):
         require_number(f"{table}.{name}", [f"{table}.{other}" for other in rows], "--set")
     if match[3] is not None:
         value = _list_with(document, f"{table}.{name}", int(match[3]), value, row, file)
@@ -171,7 +174,7 @@ def _old_value(document: dict[str, Any], key: str, row: RowTable | None, file: s
         return list(row.mistuning)
     if name in rows and rows[name] != BLOCK:
         return rows[name]
-    is_zero = table == "initial" or HARMONIC_ENTRY.fullmatch(name)
+    is_zero = table == "initial" or HARMONIC_ENTRY.fullmatch(name) or MODE_ENTRY.fullmatch(name)
     standing = rows.get("m") if name == "m_y" else 0.0 if is_zero else WITHOUT_EFFECT.get(key)
     if standing is not None or key not in KEYS:
         return standing
@@ -254,9 +257,8 @@ def _known_row(scene_file: SceneFile, key: str, where: str) -> Key:
     """The row of a key, which the scene has."""
     row, _ = find_key(key, where, scene_file.layout)
     check_known(key, scene_file.given, where, scene_file.layout)
-    if row.name not in DERIVED_BY_KEY:
-        present = [f"{table}.{name}" for table, part in scene_file.tables.items() for name in part]
-        require_number(row.name, present, where)
+    present = [f"{table}.{name}" for table, part in scene_file.tables.items() for name in part]
+    require_number(row.name, present, where)
     return row
 
 

@@ -41,7 +41,9 @@ def ranges_hold(scene: Scene) -> Bool[Array, ""]:
         hold.append(given[ORDER] > 0)
     if scene.depends_on_speed:
         hold.append(given[ORDER] != 0)
-    if scene.blades.grow:
+    if (modes := scene.mode_numbers) is not None:
+        hold += [k >= 0 for k in modes.stiffness]
+    elif scene.blades.grow:
         blades = scene.mistuned_blades
         hold += [blades.k_x > 0, blades.k_y > 0, blades.k_T > 0]
     return reduce(jnp.logical_and, map(jnp.all, hold))

@@ -64,9 +64,8 @@ def renamed_numbers(
     for key, value in values.items():
         number, index = find_key(key, layout=layout)
         check_known(key, given, layout=layout)
+        require_number(number.name, numbers)
         is_input = number.name in DERIVED_BY_KEY
-        if not is_input:
-            require_number(number.name, numbers)
         holder, xp = given if is_input else numbers, value.__array_namespace__()
         own = number_shape(number, layout)
         if index is not None:

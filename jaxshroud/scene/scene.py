@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxshroud.cache.programs import is_traced
-from jaxshroud.scene.blades import Aero, BladeMatrices, Blades, Coupling
+from jaxshroud.scene.blades import Aero, Blades, Coupling
 from jaxshroud.scene.checks import InputError, type_argument, word_argument
 from jaxshroud.scene.drive import Drive
 from jaxshroud.scene.fields import PerBlade, per_blade, scalar
@@ -39,6 +39,7 @@ from jaxshroud.scene.layout import (
     require_parts,
     row_layout,
 )
+from jaxshroud.scene.modes import ModalBlades, ModeNumbers
 from jaxshroud.scene.points import ContactPoints
 from jaxshroud.scene.speed import ORDER, check_speed, untwisted_gap
 from jaxshroud.scene.typed import short_repr, typed
@@ -150,7 +151,13 @@ class Row(eqx.Module):
         return self.layout.interfaces
 
 
-TABLE_CLASSES = {"blades": Blades, "shroud": Shroud, "contact": Contact, "friction": Friction, "drive": Drive}
+TABLE_CLASSES = {
+    "blades": Blades | ModalBlades,
+    "shroud": Shroud,
+    "contact": Contact,
+    "friction": Friction,
+    "drive": Drive,
+}
 
 
 class Scene(eqx.Module):
@@ -160,7 +167,7 @@ class Scene(eqx.Module):
     `jaxshroud.scene.derived_inputs`. Only `vary` and what varies numbers look at them; a model does not.
     """
 
-    blades: Blades
+    blades: Blades | ModalBlades
     shroud: Shroud
     contact: Contact
     friction: Friction
@@ -196,6 +203,8 @@ class Scene(eqx.Module):
         if self.row is not None:
             type_argument("row", self.row, Row, "Row(12, closed=True)")
         require_parts(self.parts, self.contact.reading, self.layout)
+        if isinstance(self.blades, ModalBlades):
+            self._check_modes(self.blades)
         if self.aero.exists:
             require_capability(AERO_FORCES, self.layout)
         if self.is_coupled and self.parts.contact == "none":
@@ -238,35 +247,47 @@ class Scene(eqx.Module):
             what = "misprints (`reading`), whose contact has no energy"
         elif self.parts.contact not in (*SPRUNG, "none"):
             what = f'contact = "{self.parts.contact}"'
-        elif self.blades.matrices() is not None:
-            what = "blades by matrices"
+        elif isinstance(self.blades, ModalBlades):
+            what = "blades by modes"
         if what:
             raise InputError(
                 f"Static starts and closed forms are of located contact of lumped blades so far, not of {what}."
             )
 
+    def _check_modes(self, blades: ModalBlades) -> None:
+        """Raise an InputError where a scene whose blades are given by modes asks for what these have not."""
+        blades.check_moves(self.parts)
+        if self.contact.reading or self.parts.contact == "none":
+            other = "misprints (`reading`)" if self.contact.reading else 'contact = "none"; give a large shroud.gap'
+            raise InputError(f"Blades by modes do not go with {other}.")
+
     def _check_shapes(self) -> None:
-        for table, keys in KEYS_BY_TABLE.items():
-            for name, key in keys:
-                value = getattr(getattr(self, table), name)
-                if value is not None:
-                    check_shape(key, value, self.layout)
-        for name, value in self.drive.of_harmonics().items():
-            check_shape(ALL_KEYS[f"drive.{name}"], value, self.layout)
+        for key, value in self._named_numbers().items():
+            check_shape(ALL_KEYS[key], value, self.layout)
+
+    def _named_numbers(self) -> dict[str, Any]:
+        """The numbers of the tables by their keys, those of lists of tables among them."""
+        named = {
+            key.name: getattr(part, name, None)
+            for table, keys in KEYS_BY_TABLE.items()
+            for part in (getattr(self, table),)
+            for name, key in keys
+        }
+        named |= {f"drive.{name}": value for name, value in self.drive.of_harmonics().items()}
+        if isinstance(self.blades, ModalBlades):
+            named |= {f"blades.{entry}": value for entry, value in self.blades.by_entry().items()}
+        return {key: value for key, value in named.items() if value is not None}
 
     def _check_speed(self) -> None:
         numbers = self._numbers_of_speed()
-        if self.blades.grow and type(self.blades).matrices is not Blades.matrices:
-            raise InputError("Blades by matrices do not grow stiffer with speed: `B_x`, `B_y`, `B_T` must be None.")
         if not is_traced((numbers, self.given)):
             check_speed(numbers, self.given, self.layout.blades)
 
     def _numbers_of_speed(self) -> dict[str, Any]:
         """The numbers that depend on the speed, or give it, by their keys."""
-        parts = {"blades": self.blades, "shroud": self.shroud}
-        named = {key.name: getattr(part, name) for table, part in parts.items() for name, key in KEYS_BY_TABLE[table]}
-        named |= {"drive.omega": self.drive.omega, "row.mistuning": self.row and self.row.mistuning}
-        return {key: value for key, value in named.items() if value is not None}
+        named = {key: a for key, a in self._named_numbers().items() if key.startswith(("blades.", "shroud."))}
+        named["drive.omega"] = self.drive.omega
+        return named if self.row is None else {**named, "row.mistuning": self.row.mistuning}
 
     @property
     def depends_on_speed(self) -> bool:
@@ -284,20 +305,35 @@ class Scene(eqx.Module):
     @property
     def left_k_x(self) -> Any:
         """The k_x [N/m] of the blade on the left of each interface, without mistuning, to which `gamma` refers."""
-        return self.layout.at_interfaces(self.blades.k_x[..., : self.layout.interfaces])
+        return self.layout.at_interfaces(self.resting_blades.k_x[..., : self.layout.interfaces])
+
+    @property
+    def resting_blades(self) -> Blades:
+        """The lumped blades at rest, or those that stand for blades by modes, without mistuning."""
+        return self.blades if isinstance(self.blades, Blades) else self.blades.numbers().equivalent()
 
     @property
     def _speed_square(self) -> Any:
         """The square of the speed [rad^2/s^2], where something depends on it."""
         return (self.drive.omega / self.given[ORDER]) ** 2
 
-    def _at_speed(self, blades: Blades) -> Blades:
-        return blades.at_speed(self._speed_square[..., None]) if blades.grow else blades
+    def _at_speed(self, factor: Any = 1.0) -> Blades:
+        """The lumped blades at the scene's speed, with their stiffnesses at rest times a factor."""
+        b = self.blades
+        if isinstance(b, ModalBlades):
+            return self._mode_numbers(b, factor).equivalent()
+        if not isinstance(factor, float):
+            stiffnesses = b.k_x, b.k_y, b.k_T
+            b = eqx.tree_at(lambda b: (b.k_x, b.k_y, b.k_T), b, tuple(factor * k for k in stiffnesses))
+        return b.at_speed(self._speed_square[..., None]) if b.grow else b
+
+    def _mode_numbers(self, blades: ModalBlades, factor: Any) -> ModeNumbers:
+        return blades.numbers(factor, self._speed_square[..., None] if blades.grow else None)
 
     @property
     def running_blades(self) -> Blades:
-        """The blades with their stiffness at the scene's speed, without mistuning."""
-        return self._at_speed(self.blades)
+        """The blades with their stiffness at the scene's speed, without mistuning; of modes see `equivalent`."""
+        return self._at_speed()
 
     @property
     def running_shroud(self) -> Shroud:
@@ -312,18 +348,23 @@ class Scene(eqx.Module):
     @property
     def mistuned_blades(self) -> Blades:
         """The blades with the mistuning of their row, and their stiffness at the scene's speed."""
-        if self.row is None:
-            return self.running_blades
-        of, factor = (lambda b: (b.k_x, b.k_y, b.k_T)), 1 + self.row.mistuning
-        return self._at_speed(eqx.tree_at(of, self.blades, tuple(factor * k for k in of(self.blades))))
+        return self._at_speed(self._mistuning)
 
     @property
-    def blade_matrices(self) -> BladeMatrices | None:
-        """The matrices of blades of your own, with their mistuning; None: lumped blades."""
-        matrices = self.blades.matrices()
-        if matrices is None or self.row is None:
-            return matrices
-        return matrices._replace(stiffness=(1 + self.row.mistuning)[..., None, None] * matrices.stiffness)
+    def _mistuning(self) -> Any:
+        """The factor of the stiffnesses at rest of each blade."""
+        return 1.0 if self.row is None else 1 + self.row.mistuning
+
+    @property
+    def mode_numbers(self) -> ModeNumbers | None:
+        """The modes of the blades with their mistuning, at the scene's speed; None: lumped blades."""
+        return self._mode_numbers(self.blades, self._mistuning) if isinstance(self.blades, ModalBlades) else None
+
+    @property
+    def running_modes(self) -> ModalBlades:
+        """Blades by modes with the frequencies and damping ratios of the scene's speed, without mistuning."""
+        assert isinstance(self.blades, ModalBlades)
+        return self._mode_numbers(self.blades, 1.0).as_blades()
 
     @property
     def layout(self) -> Layout:

@@ -46,6 +46,7 @@ from jaxshroud.scene.keys import (
     MAX_BLADES,
     MAX_ORDER,
     MIN_BLADES,
+    MODE_KEYS,
     ROW_KEYS,
     SINGLE_LOADS,
     TABLES_IN_ROW,
@@ -140,6 +141,14 @@ ORDERS = {  # of a harmonic
     "order": Annotated[int, Field(strict=True, ge=1, le=MAX_ORDER), key("order, a multiple of drive.omega", 2)],
     "engine_order": Annotated[int, Field(strict=True), key("engine order, by which the order follows", 8)],
 }
+
+
+def _blades_table(layout: Layout, modes: int) -> type[Table]:
+    """The model of a [blades] with so many modes; none: they are lumped."""
+    if not modes:
+        return _number_table("blades", layout)
+    rows = [ALL_KEYS[f"blades.modes[{j}].{name}"] for j in range(modes) for name in MODE_KEYS]
+    return create_model("BladesTable", __base__=Table, **_fields(rows, layout))
 
 
 def _drive_table(layout: Layout, harmonics: tuple[HarmonicForm, ...]) -> type[Table]:
@@ -296,10 +305,17 @@ TITLE = Annotated[str, key("what the scene shows, in one line", "Fig. 9", patter
 
 
 @lru_cache(maxsize=16)
-def table_models(layout: Layout, harmonics: tuple[HarmonicForm, ...]) -> dict[str, type[Table]]:
-    """The models of all tables of a file whose drive has harmonics in tables of their own, see `harmonic_forms`."""
+def table_models(layout: Layout, harmonics: tuple[HarmonicForm, ...], modes: int = 0) -> dict[str, type[Table]]:
+    """The models of all tables of a file with lists of tables in them.
+
+    Args:
+        layout: The layout of the scene.
+        harmonics: Those of its drive, see `harmonic_forms`.
+        modes: The number of modes of its blades; 0 for lumped ones.
+    """
     return {
-        **{table: _number_table(table, layout) for table in ("blades", "shroud")},
+        "blades": _blades_table(layout, modes),
+        "shroud": _number_table("shroud", layout),
         "contact": _number_table("contact", layout, reading=READING, points=POINTS, shares=POINT_SHARES),
         "friction": _number_table("friction", layout),
         "coupling": _number_table("coupling", layout),
@@ -319,9 +335,9 @@ ROW_TYPE: TypeAdapter[Any] = TypeAdapter(create_model("FileWithRow", row=(RowTab
 
 
 @lru_cache(maxsize=16)
-def scene_file_type(layout: Layout, harmonics: tuple[HarmonicForm, ...]) -> Any:
-    """The pydantic type of a file."""
-    models = table_models(layout, harmonics)
+def scene_file_type(layout: Layout, harmonics: tuple[HarmonicForm, ...], modes: int) -> Any:
+    """The pydantic type of a file; the arguments are those of `table_models`."""
+    models = table_models(layout, harmonics, modes)
     fields: dict[str, Any] = {
         "title": (TITLE, ""),
         **{table: (model, ...) for table, model in models.items()},

@@ -11,7 +11,6 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.drive import Drive
 from jaxshroud.scene.drive_orders import PHASE_ROUNDING, order_of_drive
@@ -27,7 +26,7 @@ def require_sector(scene: Scene) -> None:
     if not asks_for_sector(scene):
         return
     if not _is_built_in(scene):
-        raise InputError(f"{ASKED} does not know your own blades, drives and laws; drop it.")
+        raise InputError(f"{ASKED} does not know your own drives and laws; drop it.")
     if (key := _unlike(scene)) is not None:
         raise InputError(f"{ASKED} needs alike blades and interfaces, but {key} differs along the row; drop it.")
     if sector_blades(scene) == scene.layout.blades:
@@ -88,7 +87,7 @@ def _with_row(scene: Scene, row: Row, mistuning: Any) -> Scene:
 
 def _is_built_in(scene: Scene) -> bool:
     """Whether all numbers of a scene are known, and which of them are along its row."""
-    return scene.laws is None and type(scene.blades) is Blades and type(scene.drive) is Drive
+    return scene.laws is None and type(scene.drive) is Drive
 
 
 def _along_row(scene: Scene) -> Iterator[tuple[str, Any]]:

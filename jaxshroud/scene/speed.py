@@ -12,13 +12,15 @@ from typing import Any
 import numpy as np
 
 from jaxshroud.scene.checks import KeyNameError, SceneError, fail, toml_text
+from jaxshroud.scene.keys import MAX_MODES
 from jaxshroud.scene.units import is_speed_of_rotation
 
 ORDER = "drive.engine_order"
 # (k, m) of each growth B: k(Omega) = k + B m Omega^2
 GROWTHS = {"blades.B_x": ("k_x", "m"), "blades.B_y": ("k_y", "m_y"), "blades.B_T": ("k_T", "I")}
+MODE_GROWTHS = {f"blades.modes[{j}].B": f"blades.modes[{j}].f" for j in range(MAX_MODES)}  # of omega^2
 UNTWIST = ("shroud.gap_at", "shroud.gap_at_speed")
-SPEED_KEYS = (*GROWTHS, UNTWIST[0])
+SPEED_KEYS = (*GROWTHS, *MODE_GROWTHS, UNTWIST[0])
 
 
 def depends_on_speed(numbers: Container[str]) -> bool:
@@ -59,7 +61,7 @@ def check_is_no_speed(where: str, key: str, value: Any, engine_order: Any) -> No
 
 def without_zeros(entries: Mapping[str, Any]) -> dict[str, Any]:
     """The entries of a table without a growth with the speed that is 0, which changes nothing."""
-    growths = {key.partition(".")[2] for key in GROWTHS}
+    growths = {key.partition(".")[2] for key in (*GROWTHS, *MODE_GROWTHS)}
     return {name: value for name, value in entries.items() if name not in growths or np.any(value)}
 
 
@@ -93,15 +95,19 @@ def check_speed(numbers: Mapping[str, Any], given: Mapping[str, Any], blades: in
     square = (np.asarray(numbers["drive.omega"], float) / order) ** 2
     for key, (k, mass) in GROWTHS.items():
         if key in numbers:
-            _check_growth(key, k, numbers, mass, square, blades, where)
+            inertia = numbers.get(f"blades.{mass}", numbers["blades.m"])
+            _check_growth(key, k, (numbers[f"blades.{k}"], inertia), numbers, square, blades, where)
+    for key, f in MODE_GROWTHS.items():
+        if key in numbers:
+            omega = 2 * np.pi * np.asarray(numbers[f], float)
+            _check_growth(key, "omega^2", (omega**2, 1.0), numbers, square, blades, where)
 
 
 def _check_growth(
-    key: str, k: str, numbers: Mapping[str, Any], mass: str, square: Any, blades: int, where: str
+    key: str, k: str, own: tuple[Any, Any], numbers: Mapping[str, Any], square: Any, blades: int, where: str
 ) -> None:
-    """Raise a SceneError if a stiffness is not positive at a speed."""
-    mass = mass if f"blades.{mass}" in numbers else "m"
-    each = [np.asarray(numbers[name], float) for name in (f"blades.{k}", key, f"blades.{mass}")]
+    """Raise a SceneError if a stiffness, `own` with its mass at rest, is not positive at a speed."""
+    each = [np.asarray(a, float) for a in (own[0], numbers[key], own[1])]
     at_rest, B, inertia = (a if a.ndim > square.ndim else np.repeat(a[..., None], blades, -1) for a in each)
     at_rest = at_rest * (1 + np.asarray(numbers.get("row.mistuning", 0.0), float))
     at_speed = grown(at_rest, B, inertia, square[..., None])

@@ -8,9 +8,10 @@ import numpy as np
 from jaxshroud.scene.blades import Aero, Blades, Coupling
 from jaxshroud.scene.drive import ComplexHarmonic, Drive, Harmonic
 from jaxshroud.scene.engine_orders import order_of
-from jaxshroud.scene.keys import ALL_KEYS, SINGLE_LOADS, Motion, number_shape
+from jaxshroud.scene.keys import ALL_KEYS, HARMONIC_ENTRY, MODE_ENTRY, SINGLE_LOADS, Motion, number_shape
 from jaxshroud.scene.layout import Layout, Parts, Start, layout_with
-from jaxshroud.scene.optional import split_harmonics
+from jaxshroud.scene.modes import BladeMode, ModalBlades
+from jaxshroud.scene.optional import split_list
 from jaxshroud.scene.point_numbers import with_listed_places
 from jaxshroud.scene.points import ContactPoints
 from jaxshroud.scene.scene import Contact, Friction, Row, Scene, Shroud
@@ -28,20 +29,29 @@ def scene_of(tables: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]) 
         table: {name: _for_layout(f"{table}.{name}", value, layout) for name, value in entries.items()}
         for table, entries in tables.items()
     }
+    blades, motion = _blades_of(tables["blades"]), tuple(parts["motion"])
+    if isinstance(blades, ModalBlades):
+        motion = blades.motion_of(motion)
     return Scene(
-        Blades(**tables["blades"]),
+        blades,
         Shroud(**tables["shroud"]),
         _contact_of(tables),
         Friction(**tables["friction"]),
         _drive_of(tables["drive"], given.get(ORDER)),
         Motion(**{name: value for name, value in tables["initial"].items() if name not in START_ENTRIES}),
-        Parts(**{**parts, "motion": tuple(parts["motion"])}),
+        Parts(**{**parts, "motion": motion}),
         given=given,  # pyright: ignore[reportArgumentType]
         row=row,
         coupling=Coupling(**tables.get("coupling", {})),
         aero=Aero(**tables.get("aero", {})),
         start=_start_of(tables["initial"]),
     )
+
+
+def _blades_of(entries: Mapping[str, Any]) -> Blades | ModalBlades:
+    """The blades from the entries of their table, by modes or lumped."""
+    plain, modes = split_list(entries, MODE_ENTRY)
+    return ModalBlades(tuple(BladeMode(**mode) for mode in modes)) if modes else Blades(**plain)
 
 
 def _start_of(entries: Mapping[str, Any]) -> Start:
@@ -59,7 +69,7 @@ def start_entries(start: Start) -> dict[str, str]:
 
 def _drive_of(entries: Mapping[str, Any], engine_order: Any) -> Drive:
     """The drive from the entries of its table, those of its harmonics among them, and its engine order, if any."""
-    plain, of = split_harmonics(entries)
+    plain, of = split_list(entries, HARMONIC_ENTRY)
     harmonics = tuple(_harmonic_of(i, one, engine_order) for i, one in enumerate(of))
     return Drive(**{**dict.fromkeys(SINGLE_LOADS), **plain}, harmonic=harmonics or None)
 

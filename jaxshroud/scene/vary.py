@@ -21,7 +21,17 @@ from jaxshroud.scene.derived_inputs import (
     inputs_in,
 )
 from jaxshroud.scene.drive_orders import drive_at_order
-from jaxshroud.scene.keys import ALL_KEYS, HARMONIC_ENTRY, KEYS, POINT_ENTRY, find_key, number_shape, point_key
+from jaxshroud.scene.keys import (
+    ALL_KEYS,
+    HARMONIC_ENTRY,
+    KEYS,
+    MODE_ENTRY,
+    POINT_ENTRY,
+    find_key,
+    number_shape,
+    point_key,
+)
+from jaxshroud.scene.modes import ModalBlades
 from jaxshroud.scene.optional import require_number, standing_for
 from jaxshroud.scene.replacing import renamed_numbers, replace_numbers
 from jaxshroud.scene.scene import Scene
@@ -40,6 +50,8 @@ def fields_of(scene: Scene) -> dict[str, Any]:
     tables = {table: getattr(scene, table) for table in TABLE_NAMES if getattr(scene, table) is not None}
     fields = {table: part._asdict() if table == "initial" else vars(part) for table, part in tables.items()}
     fields["drive"] = {**fields["drive"], **scene.drive.of_harmonics()}
+    if isinstance(scene.blades, ModalBlades):
+        fields["blades"] = scene.blades.by_entry()
     if scene.contact.points is not None:
         fields["contact"] = {**fields["contact"], **scene.contact.points.by_entry()}
     named = {f"{table}.{name}": value for table, part in fields.items() for name, value in part.items()}
@@ -53,6 +65,8 @@ def field_of(scene: Scene, key: str) -> Any:
     match = HARMONIC_ENTRY.fullmatch(name)
     if match is not None:
         return getattr((scene.drive.harmonic or ())[int(match["index"])], match["name"])
+    if isinstance(scene.blades, ModalBlades) and (mode := MODE_ENTRY.fullmatch(name)):
+        return getattr(scene.blades.modes[int(mode["index"])], mode["name"])
     if point := POINT_ENTRY.fullmatch(name):
         assert scene.contact.points is not None  # else it has no such number
         return scene.contact.points.places[int(point["index"])]
@@ -153,14 +167,14 @@ def _named_number(scene: Scene, name: str) -> Any:
     Raises:
         KeyNameError: The scene has no such number.
     """
+    numbers = fields_of(scene)
+    require_number(name, numbers)
     if name in DERIVED_BY_KEY:
         return _input_of(scene, name)
     if name == "contact.k":
         return scene.k
     if name == "contact.gamma":
         return scene.k / scene.left_k_x
-    numbers = fields_of(scene)
-    require_number(name, numbers)
     return numbers[name] if name in numbers else standing_for(name, numbers)
 
 
@@ -263,7 +277,7 @@ def numbers_that_count(scene: Scene) -> tuple[str, ...]:
     unused = _UNUSED["initial"] | {"contact.k" if scene.contact.k is None else "contact.gamma", "drive.phase"}
     unused |= set() if "y" in parts.motion else _UNUSED["y"]
     unused |= set() if "theta" in parts.motion else _UNUSED["theta"] | {*filter(point_key, fields_of(scene))}
-    unused |= set() if scene.blades.m_y is not None else {"blades.m_y"}
+    unused |= {key for key in fields_of(scene) if key.rpartition(".phi_")[2] in {"y", "theta"} - {*parts.motion}}
     unused |= set() if parts.contact == "smooth" else {"contact.width"}
     unused |= set() if parts.friction != "none" else _UNUSED["friction"]
     unused |= set() if parts.contact != "none" else _UNUSED["contact"] | _UNUSED["friction"]

@@ -152,7 +152,7 @@ def _free_means(scenes: Scene, name: str) -> Any:
 
     def one(scene: Scene):
         held = steady_amplitudes(scene).get(0)
-        return jnp.zeros_like(scene.blades.m) if held is None else getattr(held, name).imag
+        return jnp.zeros_like(scene.drive.phase) if held is None else getattr(held, name).imag
 
     return jax.vmap(one)(scenes)
 

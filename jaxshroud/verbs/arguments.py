@@ -21,6 +21,7 @@ from jaxshroud.scene.checks import DEFAULT_TRANSIENT, InputError, count_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import ALL_KEYS, number_shape
 from jaxshroud.scene.layout import NO_CONTACT, require_capability, require_points, require_steps
+from jaxshroud.scene.modes import ModalBlades
 from jaxshroud.scene.ranges import check_ranges
 from jaxshroud.scene.scene import Scene, with_plain_orders
 from jaxshroud.scene.schema import RunTable
@@ -35,16 +36,9 @@ N_PERIODS = 64  # kept periods, unless the argument or the scene file says other
 LaneVariable = tuple[tuple[str, ...], np.ndarray, dict[str, str]]  # dimensions, values, attributes
 
 
-LACK_MATRICES = (
-    "orbit",
-    "lyapunov",
-    "branch",
-    "response",
-    "gradient",
-    "diagnose",
-    "report",
-    "attractors",
-    "basins",
+LACK_MODES = (
+    *("orbit", "lyapunov", "branch", "response", "gradient", "diagnose", "report"),
+    *("attractors", "basins", "fit", "trade"),
 )  # verbs
 
 
@@ -57,14 +51,15 @@ def check_verb(verb: str, scene: Scene | SceneFile) -> None:
         require_points(verb, points, where)
         parts = scene.tables["parts"]["contact"] if isinstance(scene, SceneFile) else scene.parts.contact
         require_steps(parts, verb, where)
-    if verb in LACK_MATRICES and isinstance(scene, Scene):
-        require_lumped(scene, f"`{verb}`")
+    if verb in LACK_MODES:
+        require_lumped(scene, f"{where}`{verb}`")
 
 
-def require_lumped(scene: Scene, asked: str) -> None:
-    """Raise an InputError if the blades are by matrices, whose coordinates what is asked does not know."""
-    if scene.blades.matrices() is not None:
-        raise InputError(f"{asked} does not know blades by matrices yet: it reads x, y and theta of each blade.")
+def require_lumped(scene: Scene | SceneFile, asked: str) -> None:
+    """Raise an InputError if the blades are given by modes, whose coordinates what is asked does not know."""
+    by_file = isinstance(scene, SceneFile)
+    if "modes[0].f" in scene.tables["blades"] if by_file else isinstance(scene.blades, ModalBlades):
+        raise InputError(f"{asked} does not know blades by modes yet: it reads x, y and theta of each blade.")
 
 
 def check_row(scene: Scene, **asked: bool) -> None:

@@ -14,8 +14,10 @@ from jaxshroud.linear.natural_modes import (
     pressed_ranges,
     speed_curves,
 )
+from jaxshroud.model.linear_system import over_coordinates
 from jaxshroud.results.data_sheet import NaturalMode, SpeedLines
 from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.modes import ModalBlades
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.speed import ORDER, check_speed
 from jaxshroud.scene.typed import FloatArray
@@ -74,10 +76,14 @@ def _place_among(mode: NaturalMode, every: Sequence[NaturalMode]) -> int:
 
 def growth_of(arrays: Scene) -> Growth:
     """How the stiffnesses of the blades of a scene grow, from NumPy arrays."""
+    square = float(arrays.drive.omega / arrays.given[ORDER]) ** 2
     b = arrays.blades
+    if isinstance(b, ModalBlades):
+        own = [0 * mode.f if mode.B is None else mode.B for mode in b.modes]
+        return Growth(np.concatenate(own).astype(float), square)
     pairs = ((b.B_x, b.m), (b.B_y, b.inertia_y), (b.B_T, b.I))
     by_square = np.concatenate([np.zeros_like(mass) if B is None else B * mass for B, mass in pairs]).astype(float)
-    return Growth(by_square, float(arrays.drive.omega / arrays.given[ORDER]) ** 2)
+    return Growth(by_square, square)
 
 
 def pressed_speeds(arrays: Scene, system: LinearContact, ends: tuple[float, float]) -> list[tuple[float, float]]:
@@ -86,7 +92,9 @@ def pressed_speeds(arrays: Scene, system: LinearContact, ends: tuple[float, floa
     growth = growth_of(arrays)
     s = arrays.shroud
     mean = arrays.drive.harmonics().get(0)
-    loads = np.zeros(len(blades.free.mass)) if mean is None else np.concatenate([mean.F_x, mean.F_y, mean.M_0])
+    none = np.zeros(3 * arrays.layout.blades)
+    loads = none if mean is None else np.concatenate([mean.F_x, mean.F_y, mean.M_0])
+    loads = over_coordinates(loads, blades.shroud)
     gap = np.atleast_1d(s.gap).astype(float)
     slope = (
         0 * gap

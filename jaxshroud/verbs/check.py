@@ -97,7 +97,7 @@ def check(
         approach=float(free.across[nearest]) / math.sin(s.alpha),
         corner=_floats(lever * free.peaks["theta"]),
         inertia=_floats(b.I / (b.m * gyration_of_block)),
-        gamma=float(k[0] / arrays.blades.k_x[0]),
+        gamma=float(k[0] / arrays.resting_blades.k_x[0]),
         omega_max=stiffest(scene, 0)[0],
         steps=steps_for(scene, 0, "auto", RK4),
         doubts=(),
@@ -107,7 +107,7 @@ def check(
         pressed=_floats(_displaced_by_interference(system, gaps, float(s.alpha))),
         in_phase=float(free.in_phase) if scene.row is None else math.nan,
         **({} if scene.row is None else _at_interfaces(arrays, k, free.across / math.sin(s.alpha), free.along)),
-        **({"flow_modes": _modes_in_flow(arrays, system)} if scene.aero.exists else {}),
+        **({"flow_modes": _modes_in_flow(arrays, system)} if scene.aero.exists and system.shroud is None else {}),
         **_over_speed(scene, arrays, system, modes, engine_orders, (float(start), stop)),
     )
     return replace(sheet, doubts=tuple(doubts_of(sheet, scene)), advice=tuple(advice_on(sheet, scene)))
@@ -119,7 +119,7 @@ def _at_interfaces(arrays: Scene, k: np.ndarray, approach: np.ndarray, slide: np
     numbers = {"gaps": np.asarray(arrays.running_shroud.gap), "approaches": approach, "slides": slide}
     return {
         **{name: _floats(a) for name, a in numbers.items()},
-        "gammas": _floats(k / arrays.blades.k_x[: len(k)]),
+        "gammas": _floats(k / arrays.resting_blades.k_x[: len(k)]),
         "closed": arrays.row.closed,
     }
 
@@ -235,9 +235,11 @@ def _closed_by_mean_loads(mean: Amplitudes | None, alpha: float, interfaces: int
 def _displaced_by_interference(system: LinearContact, gaps: np.ndarray, alpha: float) -> np.ndarray:
     """The displacement of each block where interference presses the faces together, at rest, (blades,) [m].
 
-    The faces slide freely, and the blocks do not turn.
+    The faces slide freely, and blocks of lumped blades do not turn.
     """
-    bends = system.moves & (np.arange(len(system.moves)) < 2 * len(system.moves) // 3)
+    bends = system.moves
+    if system.shroud is None:
+        bends = bends & (np.arange(len(bends)) < 2 * len(bends) // 3)
     of_each = len(system.k) // len(gaps)  # one, or as many as a face has points
     depth = np.repeat(np.maximum(-gaps, 0.0), of_each) * math.sin(alpha)
     v_q = system.v_q[:, bends]
@@ -245,7 +247,7 @@ def _displaced_by_interference(system: LinearContact, gaps: np.ndarray, alpha: f
     displacement = np.zeros(len(system.moves))
     stiffness = system.free.stiffness[np.ix_(bends, bends)] + spring_stiffness(k, v_q)
     displacement[bends] = solutions(stiffness, -v_q.T @ (k * depth))
-    x, y, _ = displacement.reshape(3, -1)
+    x, y, _ = system.shroud_motion(displacement).reshape(3, -1)
     return np.hypot(x, y)
 
 
@@ -268,8 +270,9 @@ def _end_of_range(modes: Sequence[NaturalMode], omega: float, speed: float) -> f
 
 
 def _free_coordinates(arrays: Scene, free: FreeMotion) -> dict[str, Coordinate]:
-    b = arrays.mistuned_blades
-    return {name: _coordinate(b.oscillators[name], free, name) for name in arrays.parts.motion}
+    modes = arrays.mode_numbers
+    own = arrays.mistuned_blades.oscillators if modes is None else modes.main_oscillators
+    return {name: _coordinate(own[name], free, name) for name in arrays.parts.motion}
 
 
 def _coordinate(oscillator: tuple[Any, Any, Any], free: FreeMotion, name: str) -> Coordinate:

@@ -342,7 +342,7 @@ def _search_values(
     row: MistunedRow, problem: PatternProblem, size: SearchSize, sigma: float, seed: int, tuned: float
 ) -> dict[str, Any]:
     """The values of the result that are of the search for the worst pattern; `tuned` is the tuned row's amplitude."""
-    found = search_worst_pattern(problem, row.scene.blades.m.shape[-1], sigma, size, seed)
+    found = search_worst_pattern(problem, row.scene.layout.blades, sigma, size, seed)
     return {
         "searched_mistuning": found.mistuning,
         "searched_amplitude": found.responses.amplitude[0].max(axis=-1),

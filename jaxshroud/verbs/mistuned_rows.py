@@ -295,5 +295,5 @@ def marched_problem(
         rise = level[np.arange(n), :, top.blade] - top.amplitude[:, None]
         return PatternSlopes(np.where(np.isfinite(rise), rise / DIFFERENCE, 0.0))
 
-    blades = row.scene.blades.m.shape[-1]
+    blades = row.scene.layout.blades
     return PatternProblem(row.values, respond, slopes, periods * len(row.values), periods * blades)

@@ -49,7 +49,7 @@ def modes_of(
     blades = system_in_float64(system)
     driven = [load.astype(complex) for load in loads.values()]
     words = words_for(arrays)
-    count = len(blades.free.mass) // 3
+    count = arrays.layout.blades
     modes = []
     for contact in contacts_of(arrays, k):
         modes += words.merged(modes_in(blades, contact, driven, words), contact, count)
@@ -91,14 +91,16 @@ def modes_in(
     driven = drive_shares(shape, loads)
     modes = []
     for i, own_shape in enumerate(shape):
-        by_blade = energy[i].reshape(3, -1)
-        by_coordinate = by_blade.sum(axis=1)
+        of_shrouds = blades.shroud_motion(own_shape).reshape(3, -1)
+        own = energy[i] if blades.shroud is None else blades.shroud_mass * of_shrouds.ravel() ** 2
+        by_coordinate = own.reshape(3, -1).sum(axis=1)
+        by_coordinate = by_coordinate if blades.shroud is None else by_coordinate / by_coordinate.sum()
         main = int(np.argmax(by_coordinate))
         modes.append(
             NaturalMode(
                 contact=contact,
                 motion=COORDINATES[main],
-                blades=words.blades(by_blade.sum(axis=0), own_shape.reshape(3, -1)[main]),
+                blades=words.blades(energy[i].reshape(-1, of_shrouds.shape[1]).sum(axis=0), of_shrouds[main]),
                 frequency=float(omega[i] / RAD_PER_CYCLE),
                 zeta=float(zeta[i]),
                 energy=tuple(by_coordinate.tolist()),
@@ -137,10 +139,10 @@ def _merged_waves(modes: list[NaturalMode], contact: NaturalContact, count: int)
     shown: list[NaturalMode] = []
     for motion in COORDINATES:
         own = [mode for mode in modes if mode.motion == motion]
-        alone = [mode for mode in own if mode.blades.startswith("blade ")]
-        if len(alone) == count and np.allclose([m.frequency for m in alone], alone[0].frequency, ALIKE, 0):
-            own = [replace(mode, blades="each blade") for mode in own]
+        alone = np.array([mode.frequency for mode in own if mode.blades.startswith("blade ")])
         for mode in own:
+            if mode.blades.startswith("blade ") and np.isclose(alone, mode.frequency, ALIKE, 0).sum() == count:
+                mode = replace(mode, blades="each blade")
             same = shown and (shown[-1].motion, shown[-1].blades) == (mode.motion, mode.blades)
             if same and np.isclose(shown[-1].frequency, mode.frequency, ALIKE, 0):
                 shown[-1] = replace(shown[-1], driven=shown[-1].driven + mode.driven)
@@ -156,10 +158,13 @@ def _merged_modes(modes: list[NaturalMode], contact: NaturalContact, count: int)
         return modes
     shown = []
     for motion in COORDINATES:
-        own = [mode for mode in modes if mode.motion == motion]
-        if len(own) == 2 and np.allclose([own[0].frequency, own[0].zeta], [own[1].frequency, own[1].zeta], ALIKE, 0):
-            own = [replace(own[0], blades="either", driven=own[0].driven + own[1].driven)]
-        shown += own
+        for mode in (mode for mode in modes if mode.motion == motion):
+            before = shown[-1] if shown else mode
+            alike = np.allclose([before.frequency, before.zeta], [mode.frequency, mode.zeta], ALIKE, 0)
+            if before is not mode and alike and {before.blades, mode.blades} != {mode.blades}:
+                shown[-1] = replace(before, blades="either", driven=before.driven + mode.driven)
+            else:
+                shown.append(mode)
     return sorted(shown, key=lambda mode: mode.frequency)
 
 

@@ -43,7 +43,7 @@ def has_settled_motion(scene: Scene) -> bool:
     """Whether it is judged: of lumped blades with located contact that are loaded at rest, or begin there."""
     judged = scene.start != "motion" or is_preloaded(scene) or scene.parts.contact in SPRUNG[1:]
     located = scene.parts.contact in SPRUNG and not scene.contact.reading
-    return judged and located and scene.blade_matrices is None
+    return judged and located and scene.mode_numbers is None
 
 
 def settled_motion(scene: Scene) -> SettledMotion:
@@ -76,7 +76,7 @@ def kept_state(scenes: Scene) -> LinearState | None:
     settled motion is the closed form, and not nearly.
     """
     judged = scenes.start == "static" and scenes.parts.contact == "spring" and "theta" not in scenes.parts.motion
-    if not judged or scenes.blade_matrices is not None:
+    if not judged or scenes.mode_numbers is not None:
         return None
     lanes, _ = smallest_ring(jax.tree.map(np.asarray, without_given(scenes)))
     rest = static_equilibria(lanes)
@@ -95,7 +95,7 @@ def settling_periods(scenes: Scene) -> float:
 
     It is inf where a coordinate is not damped, and NaN for blades by matrices.
     """
-    if scenes.blade_matrices is not None:
+    if scenes.mode_numbers is not None:
         return float("nan")
     omega = np.asarray(scenes.drive.omega, float)[:, None]
     slowest = np.inf

@@ -19,6 +19,7 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import steps_for, stiffest, stiffness_ratio
 from jaxshroud.march.tableau import tableau
 from jaxshroud.orbits.short_runs import HORIZON, HorizonEnds, end_states, state_errors
+from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
 from jaxshroud.signals.averages import least_tilt
@@ -97,15 +98,16 @@ def choose(
     frequency_and_period = stiffest(lanes, 1)
     choices = []
     spent = 0
-    has_table = lanes.row is None and lanes.contact.points is None
+    is_lumped = isinstance(lanes.blades, Blades)
+    has_table = lanes.row is None and lanes.contact.points is None and is_lumped
     candidates, in_table = _candidates(lanes, level) if has_table else (_two_settings(lanes, level), False)
     first = Choice(level, candidates[0], candidates[0].steps(*frequency_and_period), in_table or None)
     if in_table and not lane_periods:
         return first
     probe = _probe(lanes, _affordable_lanes(len(lanes.drive.omega), lane_periods))
     least_budget = LEAST_BUDGET if lanes.row is None else 0  # a trial step of a row may take a hundred times as long
-    if lanes.blade_matrices is not None:
-        return replace(first, why="blades by matrices are not tried")
+    if not is_lumped:
+        return replace(first, why="blades by modes are not tried")
     if not (has_table or lane_periods):
         return replace(first, why="nothing is marched")
     shortest = 3 * HORIZON * len(probe.drive.omega) - MAX_SHARE * lane_periods

@@ -56,7 +56,7 @@ def way_of(name):
     """The way of a scene: blades on springs, which touch or do not, and never slip."""
     scene, stuck = js.load(*SCENES[name]).scene, "stuck" in name
     row, N = points_reference.row_of(scene), scene.layout.blades
-    m, c, k, alpha = np.tile(row.m, 2), row.c[:2].ravel(), row.k[:2].ravel(), row.alpha
+    m, c, k, alpha = row.m[:2].ravel(), row.c[:2].ravel(), row.k[:2].ravel(), row.alpha
     apart = (np.eye(N) - np.roll(np.eye(N), 1, axis=1))[: len(row.gap)]
     v_q = np.hstack([np.sin(alpha) * apart, -np.cos(alpha) * apart])
     u_q = np.hstack([np.cos(alpha) * apart, np.sin(alpha) * apart])

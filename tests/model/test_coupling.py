@@ -1,6 +1,7 @@
 """Coupled blades without contact: closed forms of a ring by nodal diameters, and direct solutions by NumPy."""
 
-import equinox as eqx
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,12 +12,11 @@ import jaxshroud as js
 from jaxshroud.batch.lanes import lanes_last
 from jaxshroud.batch.xla import vmapped
 from jaxshroud.linear.mistuned import linear_systems, linear_waves
-from jaxshroud.model.blade import ElasticMotion
+from jaxshroud.model.blade import ModalMotion
 from jaxshroud.model.linear import free_power, static_position, steady_amplitudes
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Recorded
 from jaxshroud.model.row import prepared_row, row_rhs
-from jaxshroud.scene.blades import BladeMatrices, Blades
 from jaxshroud.scene.keys import Motion
 
 N = 6
@@ -167,18 +167,18 @@ PRINTED = {
 }
 
 
-class Sectors(Blades):
-    """Sectors of three masses in a row, of which the first, that of the disk, is the x of the row's coordinates."""
-
-    def matrices(self) -> BladeMatrices:
-        (a, b), each = K_BLADE, lambda matrix: jnp.broadcast_to(jnp.asarray(matrix, float), (SECTORS, 3, 3))
-        stiffness = [[K_GROUND + a, -a, 0], [-a, a + b, -b], [0, -b, b]]
-        return BladeMatrices(each(np.diag(MASSES)), each(np.zeros((3, 3))), each(stiffness), each(np.eye(3)))
+def sector_matrices():
+    """The stiffness and the mass of a sector, of which the first mass is the x of the row's coordinates."""
+    a, b = K_BLADE
+    return np.array([[K_GROUND + a, -a, 0], [-a, a + b, -b], [0, -b, b]]), np.diag(MASSES)
 
 
 def blisk():
     scene = ring(f"row.coupling.k_x={K_DISK}", 'parts.motion=["x"]', n=SECTORS)
-    return eqx.tree_at(lambda s: s.blades, scene, Sectors(**vars(scene.blades)))
+    squares, shapes = eigh(*sector_matrices())
+    phi = np.stack([shapes[0], 0 * shapes[0], 0 * shapes[0]])
+    blades = js.modal_blades(np.sqrt(squares) / (2 * np.pi), 0.0, phi, blades=SECTORS)
+    return dataclasses.replace(scene, blades=blades)
 
 
 @pytest.mark.parametrize("closed", [True, False])
@@ -213,7 +213,7 @@ def test_a_published_blisk_of_24_sectors_is_assembled_by_coupling(published):
 
     def accelerations(q):
         numbers = tuple(q.reshape(SECTORS, 3)[:, j : j + 1] for j in range(3))
-        z = ElasticMotion(numbers, jax.tree.map(jnp.zeros_like, numbers))
+        z = ModalMotion(numbers, jax.tree.map(jnp.zeros_like, numbers))
         now = State(z, jnp.zeros(shape), contact, contact)
         return jnp.concatenate(row_rhs(wave, now, None, model, Recorded(), vmapped)[0].acceleration, axis=1).ravel()
 
@@ -229,8 +229,7 @@ def test_a_published_blisk_of_24_sectors_is_assembled_by_coupling(published):
 
 def test_the_response_of_such_sectors_is_that_of_the_assembled_matrices():
     scene = js.vary(blisk(), "drive.omega", 700.0)
-    mass, _, stiffness, _ = (np.asarray(a) for a in scene.blade_matrices)
-    M, K = block_diag(*mass), block_diag(*stiffness)
+    K, M = (block_diag(*[matrix] * SECTORS) for matrix in sector_matrices())
     disk = 3 * np.arange(SECTORS)
     for i, j in zip(disk, np.roll(disk, -1), strict=True):
         K[np.ix_([i, j], [i, j])] += K_DISK * np.array([[1, -1], [-1, 1]])

@@ -1,12 +1,11 @@
 """Blades that never touch: every number with contact is the number without, whatever drives the blades."""
 
-import equinox as eqx
-import jax.numpy as jnp
+import dataclasses
+
 import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.scene.blades import BladeMatrices, Blades
 from jaxshroud.scene.config import parse
 from jaxshroud.signals.amplitudes import free_level
 from jaxshroud.verbs.response import free_peak, peak_ratio
@@ -213,19 +212,9 @@ def test_marched_rings_that_never_touch_tell_no_reduction(options):
     assert_free(js.power(file, amplitudes=True, **SETTLED), rtol=1e-8)
 
 
-class Elastic(Blades):
-    """Blades of three coordinates, all of which move the shroud along x."""
-
-    def matrices(self) -> BladeMatrices:
-        M = np.array([[0.08, 0.01, 0.0], [0.01, 0.03, 0.0], [0.0, 0.0, 2.5e-3]])
-        C = np.array([[40.0, 3.0, 0.0], [3.0, 60.0, 0.0], [0.0, 0.0, 2.0]])
-        K = np.array([[1e5, 2e4, 0.0], [2e4, 3e5, 500.0], [0.0, 500.0, 4e3]])
-        shroud = np.array([[1.0, 0.6, 0.01], [0.0, 0.3, 0.0], [0.0, 2.0, 1.0]])
-        return BladeMatrices(*(jnp.broadcast_to(jnp.asarray(a), (*self.m.shape, 3, 3)) for a in (M, C, K, shroud)))
-
-
 @pytest.mark.full
-def test_marched_elastic_blades_that_never_touch_tell_no_reduction():
+def test_marched_blades_by_modes_that_never_touch_tell_no_reduction():
     scene = ring((1, 2), flow=False, motion='["x", "y", "theta"]').scene
-    scene = eqx.tree_at(lambda s: s.blades, scene, Elastic(**vars(scene.blades)))
-    assert_free(js.power(scene, amplitudes=True, **SETTLED), rtol=1e-8)
+    phi = np.array([[3.5, 2.0, 0.1], [0.0, 4.0, -2.0], [3.0, -15.0, 20.0]])
+    blades = js.modal_blades([170.0, 500.0, 900.0], 0.05, phi, blades=scene.layout.blades)
+    assert_free(js.power(dataclasses.replace(scene, blades=blades), amplitudes=True, **SETTLED), rtol=1e-8)

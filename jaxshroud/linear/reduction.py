@@ -1,0 +1,305 @@
+"""The modes of a blade from the matrices of its finite elements, and what they leave out of its shroud's flexibility.
+
+    K Phi = M Phi diag(omega^2),    Phi' M Phi = 1,    R = K^-1 B - Phi diag(1 / omega^2) Phi' B
+
+The forces on the shroud act on the unknowns by B, whose transpose makes of these the motion of the shroud. What the
+modes Phi leave out of the flexibility B' K^-1 B is A = R' K R = B' R; the pair (A, R' M R) has at most three residual
+vectors, which are modes like all others: statics at the shroud are exact with them.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.layout import COORDINATES
+from jaxshroud.scene.typed import FloatArray
+
+DENSE = 1500  # unknowns up to which all eigenvalues are computed
+ASYMMETRY = 1e-8  # of a matrix over its largest entry, beyond which it is not symmetric
+SINGULAR = 1e-13  # pivots, or eigenvalues, of a stiffness over the largest, with a diagonal of 1
+RIGID_SHARE = 1e-9  # of the energy of a rigid motion over that of its unknowns alone
+NO_FLEXIBILITY = 1e-12  # of the residual flexibility over the whole: rounding
+NO_MASS = 1e-9  # of residual vectors over the largest, by (omega_highest / omega)^2
+FILL_BYTES = 372  # of a factor, times n^(4/3): that of solids, of 31 n^(4/3) numbers with their places
+RIGID_NAMES = ("x", "y", "z", "turns about x", "turns about y", "turns about z")
+
+
+class Reduced(NamedTuple):
+    """The modes of a blade, residual vectors last."""
+
+    omega: FloatArray  # (n,) [rad/s]
+    zeta: FloatArray  # (n,)
+    shapes: FloatArray  # (unknowns, kept modes) of all unknowns
+    at_shroud: FloatArray  # (coordinates, n)
+    residual: np.ndarray  # (n,) whether it is a residual vector
+    left_out: FloatArray  # (coordinates,) share of the flexibility that the kept modes leave out
+    own_omega: FloatArray  # (n,) before residual vectors were given another frequency
+
+
+def symmetric(matrix: Any, name: str) -> Any:
+    """A sparse symmetric matrix, also from one of which one triangle alone is stored.
+
+    Raises:
+        InputError: It is not square, not finite, or not symmetric.
+    """
+    from scipy.sparse import csc_array, tril, triu
+
+    a: Any = csc_array(matrix, dtype=float)
+    if a.shape[0] != a.shape[1]:
+        raise InputError(f"{name} must be square, but its shape is {a.shape}.")
+    if not np.isfinite(a.data).all():
+        raise InputError(f"{name} has entries that are no finite numbers.")
+    lower, upper = tril(a, -1), triu(a, 1)
+    for one, other in ((lower, upper), (upper, lower)):
+        if abs(one).sum() > 0 and abs(other).sum() == 0:
+            return csc_array(a + one.T)
+    if abs(a - a.T).max() > ASYMMETRY * abs(a).max():
+        raise InputError(f"{name} is not symmetric, as those of rotating frames or of friction are not.")
+    return csc_array((a + a.T) / 2)
+
+
+def require_memory(unknowns: int) -> None:
+    """Raise an InputError unless a factor of a stiffness of so many unknowns is likely to fit into the free memory."""
+    import psutil
+
+    needed, free = FILL_BYTES * unknowns ** (4 / 3), psutil.virtual_memory().available
+    if needed > free:
+        raise InputError(
+            f"{unknowns} unknowns would take some {needed / 2**30:.0f} GiB, but {free / 2**30:.1f} GiB are free; "
+            "reduce the model where it was made (modes and their shapes), or take a coarser mesh."
+        )
+
+
+class Factor(NamedTuple):
+    """A stiffness that is regular, and how to solve with it."""
+
+    root: Any  # diagonal, by which the stiffness is scaled from both sides
+    scaled: Any  # the stiffness, with a diagonal of 1
+    solved: Any  # (right sides) -> the solutions with the scaled stiffness
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """The displacements under forces, refined once."""
+        right = self.root @ right
+        y = self.solved(right)
+        return self.root @ (y + self.solved(right - self.scaled @ y))
+
+
+def stiffness_factor(K: Any, rigid: FloatArray | None) -> Factor:
+    """The factor of a stiffness.
+
+    Args:
+        K: The stiffness.
+        rigid: What rigid motions make of the unknowns (unknowns, 6), by which a singular stiffness is explained.
+
+    Raises:
+        InputError: It is singular or not positive definite.
+    """
+    from scipy.sparse import diags_array
+    from scipy.sparse.linalg import splu
+
+    diagonal = K.diagonal()
+    if np.any(diagonal < 0):
+        raise InputError("K has a negative entry on its diagonal: it is not positive definite.")
+    root = diags_array(1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)))
+    scaled = (root @ K @ root).tocsc()
+    try:
+        lu = splu(scaled, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        pivots = lu.U.diagonal()
+    except RuntimeError:  # a pivot of exactly 0
+        pivots = np.zeros(1)
+        lu = None
+    if lu is None or np.min(np.abs(pivots)) < SINGULAR * np.max(np.abs(pivots)):
+        raise InputError(f"K is singular{_named_rigid(K, rigid)}; hold nodes by `fixed`.")
+    if np.any(pivots < 0):
+        raise InputError("K is not positive definite: it has a negative eigenvalue.")
+    return Factor(root, scaled, lu.solve)
+
+
+def _named_rigid(K: Any, rigid: FloatArray | None) -> str:
+    """The rigid motions that a stiffness leaves free, in words."""
+    if rigid is None:
+        return ": some motion has no stiffness"
+    energy, own = (np.sum(rigid * (matrix @ rigid), axis=0) for matrix in (K, abs(K)))
+    free = [name for name, share in zip(RIGID_NAMES, energy / own, strict=True) if abs(share) < RIGID_SHARE]
+    return f": the model is free to move as a whole ({', '.join(free)})" if free else ": a part of it is free to move"
+
+
+def lowest_modes(factor: Factor, M: Any, count: int) -> tuple[FloatArray, FloatArray]:
+    """The lowest modes: omega (n,) and mass-normalised shapes (unknowns, n).
+
+    Raises:
+        InputError: M is not positive semidefinite, or has fewer modes.
+    """
+    size, inertia = M.shape[0], factor.root @ M @ factor.root
+    if size <= DENSE:
+        from scipy.linalg import eigh
+
+        squares, shapes = eigh(inertia.toarray(), factor.scaled.toarray())  # of 1 / omega^2: M may be singular
+    else:
+        from scipy.sparse.linalg import LinearOperator, eigsh
+
+        inverse: Any = LinearOperator(dtype=float, shape=(size, size), matvec=factor.solved)  # pyright: ignore[reportCallIssue]
+        squares, shapes = eigsh(inertia, min(count + 1, size - 1), M=factor.scaled, Minv=inverse, which="LA")
+    order = np.argsort(-squares)
+    squares, shapes = squares[order], factor.root @ shapes[:, order]
+    if squares[-1] < -1e-9 * squares[0]:
+        raise InputError("M is not positive semidefinite: some motion has a negative mass.")
+    found = int(np.sum(squares > 1e-14 * squares[0]))
+    if found < count:
+        raise InputError(f"The model has {found} modes, fewer than the {count} requested; keep fewer.")
+    omega = 1 / np.sqrt(squares[:count])
+    shapes = shapes[:, :count]
+    return omega, shapes / np.sqrt(np.sum(shapes * (M @ shapes), axis=0))
+
+
+def reduced(
+    factor: Factor, M: Any, C: Any, B: FloatArray, count: int, zeta: float, limit: float | None, least: FloatArray
+) -> Reduced:
+    """The lowest modes and residual vectors.
+
+    Args:
+        factor: That of the stiffness.
+        M: The mass.
+        C: The damping; None: `zeta` for all.
+        B: What forces on the shroud are to the unknowns, (unknowns, coordinates).
+        count: The number of modes.
+        zeta: Damping ratio where there is no C.
+        limit: The circular frequency that residual vectors above it, and those without mass, are given; None: eight
+            times that of the highest mode; inf: none.
+        least: The flexibility (coordinates,) below which a residual vector is left out.
+    """
+    omega, shapes = lowest_modes(factor, M, count)
+    K_inverse_B = factor.solve(B)
+    at_shroud = B.T @ shapes
+    whole = B.T @ K_inverse_B
+    R = K_inverse_B - shapes @ (at_shroud.T / omega[:, None] ** 2)
+    A = B.T @ R
+    A = (A + A.T) / 2
+    scale = 1 / np.sqrt(np.diag(whole))
+    values, vectors = np.linalg.eigh(A * np.outer(scale, scale))
+    kept = values > NO_FLEXIBILITY
+    half = scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])  # half' A half = 1
+    V = R @ half
+    inverse_squares, turned = np.linalg.eigh(V.T @ (M @ V))
+    ceiling = float(8 * omega[-1]) if limit is None else limit
+    massless = inverse_squares < NO_MASS / omega[-1] ** 2
+    if np.any(massless) and np.isinf(ceiling):
+        raise InputError("A residual vector has no mass: give `residual_frequency` a finite value, or leave it out.")
+    own = 1 / np.sqrt(np.where(massless, np.finfo(float).tiny, inverse_squares))
+    given = np.where(massless | (own > ceiling), ceiling, own)
+    flexible = A @ half @ turned  # (coordinates, vectors): their flexibilities sum to A
+    counts = np.any(flexible**2 > least[:, None], axis=0)
+    order = np.flatnonzero(counts)[np.argsort(given[counts], kind="stable")]
+    residual_zeta = np.full(len(order), zeta)
+    damping = np.full(count, zeta)
+    if C is not None:
+        damping = np.sum(shapes * (C @ shapes), axis=0) / (2 * omega)
+        W = V @ turned[:, order]
+        residual_zeta = np.minimum(np.sum(W * (C @ W), axis=0) * given[order] / 2, 1.0)
+    return Reduced(
+        omega=np.concatenate([omega, given[order]]),
+        zeta=np.concatenate([damping, residual_zeta]),
+        shapes=shapes,
+        at_shroud=np.hstack([at_shroud, flexible[:, order] * given[order]]),
+        residual=np.arange(count + len(order)) >= count,
+        left_out=np.diag(A) / np.diag(whole),
+        own_omega=np.concatenate([omega, own[order]]),
+    )
+
+
+class ShroudFit(NamedTuple):
+    """The rigid motion (x, y, z and turns about them, in the shroud's frame) that fits the nodes of a shroud best."""
+
+    unknowns: np.ndarray  # (m,) places of those of its nodes among all
+    rigid: FloatArray  # (m, 6) what each motion makes of them, turns by the size of the shroud
+    weight: FloatArray  # (m,) of each, in the fit: a length for turns
+    length: float  # the size of the shroud
+
+    @property
+    def motion(self) -> FloatArray:
+        """The rigid motion by the unknowns, (6, m)."""
+        return np.linalg.pinv(self.weight[:, None] * self.rigid) * self.weight
+
+    def plane_forces(self, size: int) -> FloatArray:
+        """What forces along x and y and a clockwise moment on the shroud are to all unknowns, (size, 3)."""
+        B = np.zeros((size, 3))
+        x, y, turn = self.motion[[0, 1, 5]]
+        B[self.unknowns] = np.stack([x, y, -turn / self.length], axis=-1)
+        return B
+
+    def shares(self, shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Of shapes (unknowns, n): what of the motion of the nodes is not rigid, and not seen in a plane, (n,) each."""
+        own = self.weight[:, None] * shapes[self.unknowns]
+        motion = self.motion @ shapes[self.unknowns]
+        fitted, unseen = (self.weight[:, None] * self.rigid[:, of] @ motion[of] for of in (range(6), [2, 3, 4]))
+        whole = np.maximum(np.linalg.norm(own, axis=0), np.finfo(float).tiny)
+        return np.linalg.norm(own - fitted, axis=0) / whole, np.linalg.norm(unseen, axis=0) / whole
+
+
+def rigid_motions(places: FloatArray, directions: np.ndarray, origin: FloatArray, axes: FloatArray) -> FloatArray:
+    """What rigid motions in a frame make of unknowns, (m, 6).
+
+    Args:
+        places: Where the node of each unknown is (m, 3).
+        directions: Their directions: 1 to 3 along x, y and z of the model, 4 to 6 turns about them.
+        origin: That of the frame.
+        axes: The unit vectors of the frame (3, 3), in rows.
+    """
+    found = np.zeros((len(directions), 6))
+    for i, (place, direction) in enumerate(zip(places, directions, strict=True)):
+        component = (direction - 1) % 3
+        if direction > 3:
+            found[i, 3:] = axes[:, component]
+        else:
+            found[i, :3] = axes[:, component]
+            found[i, 3:] = np.cross(axes, place - origin)[:, component]
+    return found
+
+
+def shroud_fit(
+    unknowns: np.ndarray, places: FloatArray, directions: np.ndarray, origin: FloatArray, axes: FloatArray
+) -> ShroudFit:
+    """The fit of the unknowns of a shroud's nodes; the arguments are those of `rigid_motions`.
+
+    Turns of nodes count only where displacements do not determine how the shroud moves, as those of one node.
+
+    Raises:
+        InputError: The nodes do not determine how the shroud moves in its plane.
+    """
+    length = float(np.sqrt(np.mean(np.sum((places - origin) ** 2, axis=1)))) or 1.0
+    rigid = rigid_motions(places, directions, origin, axes)
+    rigid[:, 3:] /= length
+    weight = np.where(directions > 3, length, 1.0)
+    lost: list[str] = []
+    for counts in (directions <= 3, directions > 0):
+        lost = _untold(weight[counts, None] * rigid[counts])
+        if not lost:
+            return ShroudFit(unknowns[counts], rigid[counts], weight[counts], length)
+    raise InputError(
+        f"The nodes of the shroud do not determine its {' and '.join(lost)}: they are too few, or on one line; "
+        "name at least three that are not."
+    )
+
+
+def _untold(rigid: FloatArray) -> list[str]:
+    """The coordinates of the plane of a shroud that unknowns do not determine."""
+    _, values, motions = np.linalg.svd(np.vstack([rigid, np.zeros((6, 6))]))
+    untold = motions[values < 1e-9 * max(values[0], np.finfo(float).tiny)]
+    return [name for name, i in zip(COORDINATES, (0, 1, 5), strict=True) if np.any(np.abs(untold[:, i]) > 1e-6)]
+
+
+def frame_of(x_axis: Sequence[float], y_axis: Sequence[float]) -> FloatArray:
+    """The unit vectors (3, 3) along l_oa, along y and at right angles to both, in rows.
+
+    Raises:
+        InputError: The two directions are no directions, or one.
+    """
+    x, y = (np.asarray(a, float) for a in (x_axis, y_axis))
+    if x.shape != (3,) or y.shape != (3,) or not np.linalg.norm(np.cross(x, y)) > 1e-6 * np.linalg.norm(x + y):
+        raise InputError(f"`x_axis` and `y_axis` must be two directions of space, but are {[*x_axis]} and {[*y_axis]}.")
+    x = x / np.linalg.norm(x)
+    y = y - (x @ y) * x
+    y = y / np.linalg.norm(y)
+    return np.stack([x, y, np.cross(x, y)])

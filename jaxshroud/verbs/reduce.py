@@ -1,0 +1,255 @@
+"""The table of the modes of a blade, from the matrices of its finite elements."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import ArrayLike
+
+from jaxshroud.io.finite_element import Unknown, unknown_of
+from jaxshroud.linear.reduction import (
+    Reduced,
+    ShroudFit,
+    frame_of,
+    reduced,
+    require_memory,
+    rigid_motions,
+    shroud_fit,
+    stiffness_factor,
+    symmetric,
+)
+from jaxshroud.scene.checks import InputError, count_argument, word_argument
+from jaxshroud.scene.keys import MAX_MODES
+from jaxshroud.scene.layout import COORDINATES
+from jaxshroud.scene.modes import SHAPES, ModalBlades, modal_blades
+from jaxshroud.scene.typed import FloatArray, typed
+from jaxshroud.whole_file import write_whole
+
+Units = Literal["si", "mm-t-s", "mm-kg-s"]
+LENGTH_AND_MASS: dict[str, tuple[float, float]] = {"si": (1.0, 1.0), "mm-t-s": (1e-3, 1e3), "mm-kg-s": (1e-3, 1.0)}
+USUAL_FREQUENCIES = (1.0, 1e5)  # of the first mode of a blade [Hz], beyond which units are doubted
+LARGE_MISFIT = 0.05  # of a mode's motion of the shroud, beyond which that is hardly rigid
+
+
+@dataclass(frozen=True)
+class ReducedBlade:
+    """The modes of a blade, residual vectors last, in SI units."""
+
+    f: FloatArray  # (n,) natural frequencies [Hz]
+    zeta: FloatArray  # (n,) damping ratios
+    phi: FloatArray  # (3, n) shapes at the shroud, see `BladeMode`
+    kind: tuple[str, ...]  # (n,) "mode" or "residual"
+    misfit: FloatArray  # (n,) share of the motion of the shroud's nodes that is not rigid; NaN of residual vectors
+    unseen: FloatArray  # (n,) share that is out of the plane
+    left_out: FloatArray  # (3,) share of the static flexibility that the modes without residual vectors leave out
+    notes: tuple[str, ...]
+
+    def blades(self, count: int = 2) -> ModalBlades:
+        """So many alike blades of these modes."""
+        return modal_blades(self.f, self.zeta, self.phi, blades=count)
+
+    @property
+    def csv(self) -> str:
+        """The table, as `[blades] modes` names it."""
+        units = {"f": " [Hz]"}
+        names = ("f", "zeta", *SHAPES)
+        columns = [self.f, self.zeta, *self.phi]
+        rows = [[repr(float(a[j])) for a in columns] for j in range(len(self.f))]
+        shares = (self.misfit, self.unseen)
+        told = [["" if math.isnan(a[j]) else f"{a[j]:.3g}" for a in shares] for j in range(len(self.f))]
+        lines = [",".join([*(f"{name}{units.get(name, '')}" for name in names), "kind", "misfit", "unseen"])]
+        lines += [",".join([*row, kind, *own]) for row, kind, own in zip(rows, self.kind, told, strict=True)]
+        return "\n".join(lines) + "\n"
+
+    def save(self, path: str | Path) -> None:
+        """Write the table."""
+        write_whole(Path(path), self.csv.encode())
+
+    def __str__(self) -> str:
+        """The modes in a table, and what is to be said of them."""
+        head = f"{'':9}{'f [Hz]':>12}{'zeta':>10}{'phi_x':>11}{'phi_y':>11}{'phi_theta':>11}{'misfit':>9}{'unseen':>9}"
+        rows = [
+            f"{kind:9}{f:12.6g}{zeta:10.3g}" + "".join(f"{a:11.4g}" for a in shape) + f"{misfit:9.2g}{unseen:9.2g}"
+            for kind, f, zeta, shape, misfit, unseen in zip(
+                self.kind, self.f, self.zeta, self.phi.T, self.misfit, self.unseen, strict=True
+            )
+        ]
+        return "\n".join([head, *rows, *self.notes]).replace("nan", "   ")
+
+
+@typed
+def reduce(
+    K: Any,
+    M: Any,
+    *,
+    C: Any = None,
+    dofs: Sequence[str],
+    nodes: Mapping[str, ArrayLike],
+    shroud: Sequence[str],
+    fixed: Sequence[str] = (),
+    origin: Sequence[float] | None = None,
+    x_axis: Sequence[float] = (1.0, 0.0, 0.0),
+    y_axis: Sequence[float] = (0.0, 1.0, 0.0),
+    n_modes: int = 6,
+    zeta: float = 0.0,
+    residuals: bool = True,
+    residual_frequency: float | None = None,
+    contact_stiffness: float | None = None,
+    units: Units = "si",
+) -> ReducedBlade:
+    """The modes of a blade, with residual vectors, from the matrices of its finite elements.
+
+    Residual vectors are up to three further modes, which carry what the modes leave out of the flexibility of the
+    shroud: with them a static force on it bends the blade as all finite elements do.
+
+    Args:
+        K: The stiffness, dense or sparse, of all unknowns or of those that are not held; one triangle is enough.
+        M: The mass, likewise; it may be singular.
+        C: The damping, likewise; None: `zeta` for all modes.
+        dofs: What each row is: "node.direction", with directions 1 to 3 along x, y and z of the model and 4 to 6 for
+            turns about them.
+        nodes: Coordinates of nodes by their labels; those of the shroud at least.
+        shroud: The labels of the shroud's nodes. Its motion is the rigid one that fits them best.
+        fixed: Nodes, or unknowns such as "12.3", that are held.
+        origin: The centre of the shroud; by default the mean of its nodes.
+        x_axis: The direction along l_oa in the model's coordinates.
+        y_axis: The direction of y; theta is a clockwise turn in the plane of both.
+        n_modes: How many modes are kept.
+        zeta: Damping ratio of all modes where there is no C.
+        residuals: Whether residual vectors are added.
+        residual_frequency: The frequency [Hz] that residual vectors above it are given, with the same flexibility; by
+            default eight times that of the highest mode, and `inf` keeps their own.
+        contact_stiffness: That of contact [N/m]; residual vectors of less than 1 % of its flexibility are left out.
+        units: Of the model: "si", "mm-t-s" (N and mm), or "mm-kg-s".
+
+    Returns:
+        The modes, in SI units. `save` writes the table that `[blades] modes` of a scene names.
+
+    Raises:
+        InputError: A matrix is not symmetric, K is singular or indefinite, a mode is damped above critical, the nodes
+            do not determine how the shroud moves, or the unknowns do not fit into the memory.
+
+    Source:
+        R = K^-1 B - Phi diag(1 / omega^2) Phi' B, and the eigenvectors of (R' K R, R' M R) times R.
+    """
+    word_argument("units", units, Units)
+    count_argument("n_modes", n_modes, 1)
+    length, mass = LENGTH_AND_MASS[units]
+    stiffness, inertia = symmetric(K, "K"), symmetric(M, "M")
+    damping = None if C is None else symmetric(C, "C")
+    unknowns = [unknown_of(label) for label in dofs]
+    for name, matrix in (("K", stiffness), ("M", inertia), *([] if damping is None else [("C", damping)])):
+        if matrix.shape[0] != len(unknowns):
+            raise InputError(f"{name} has {matrix.shape[0]} rows, but `dofs` names {len(unknowns)} unknowns.")
+    require_memory(len(unknowns))
+    places = {str(node): np.asarray(place, float) for node, place in nodes.items()}
+    free = _free_unknowns(unknowns, fixed)
+    stiffness, inertia = (matrix[free][:, free] for matrix in (stiffness, inertia))
+    damping = None if damping is None else damping[free][:, free]
+    unknowns = [unknowns[i] for i in free]
+    axes = frame_of(x_axis, y_axis)
+    fit = _fit_of(unknowns, [*map(str, shroud)], places, origin, axes)
+    factor = stiffness_factor(stiffness, _rigid_of_all(unknowns, places, axes))
+    found = reduced(
+        factor,
+        inertia,
+        damping,
+        fit.plane_forces(len(unknowns)),
+        count=n_modes,
+        zeta=zeta,
+        limit=None if residual_frequency is None else math.tau * residual_frequency,
+        least=_least_flexibility(contact_stiffness if residuals else 0.0, fit.length, mass),
+    )
+    return _in_si(found, fit, length, mass)
+
+
+def _free_unknowns(unknowns: Sequence[Unknown], fixed: Sequence[str]) -> np.ndarray:
+    """The places of the unknowns that are not held."""
+    held = {*map(str, fixed)}
+    named = {one.node for one in unknowns} | {str(one) for one in unknowns}
+    if unknown := sorted(held - named):
+        raise InputError(f"`fixed` names {unknown[0]}, but no row of the matrices is of it.")
+    return np.array([i for i, one in enumerate(unknowns) if not {one.node, str(one)} & held])
+
+
+def _fit_of(
+    unknowns: Sequence[Unknown],
+    shroud: Sequence[str],
+    nodes: Mapping[str, FloatArray],
+    origin: Sequence[float] | None,
+    axes: FloatArray,
+) -> ShroudFit:
+    wanted = {*shroud}
+    own = np.array([i for i, one in enumerate(unknowns) if one.node in wanted], int)
+    if lost := sorted(wanted - {unknowns[i].node for i in own}):
+        raise InputError(f"`shroud` names node {lost[0]}, but no free row of the matrices is of it.")
+    if lost := sorted(wanted - set(nodes)):
+        raise InputError(f"Node {lost[0]} of the shroud has no coordinates in `nodes`.")
+    if not wanted:
+        raise InputError(
+            "Argument `shroud` must name the nodes of the shroud, at least three that are not on one line."
+        )
+    center = np.mean([nodes[node] for node in shroud], axis=0) if origin is None else np.asarray(origin, float)
+    at = np.array([nodes[unknowns[i].node] for i in own])
+    return shroud_fit(own, at, np.array([unknowns[i].direction for i in own]), center, axes)
+
+
+def _rigid_of_all(unknowns: Sequence[Unknown], nodes: Mapping[str, FloatArray], axes: FloatArray) -> FloatArray | None:
+    """What rigid motions make of all unknowns; None where some have no coordinates."""
+    if any(one.node not in nodes for one in unknowns):
+        return None
+    at = np.array([nodes[one.node] for one in unknowns])
+    return rigid_motions(at, np.array([one.direction for one in unknowns]), at.mean(axis=0), axes)
+
+
+def _least_flexibility(contact_stiffness: float | None, size: float, mass: float) -> FloatArray:
+    """The flexibility of x, y and theta below which a residual vector is left out, in units of the model."""
+    if contact_stiffness is None:
+        return np.zeros(3)
+    bends = np.inf if contact_stiffness == 0 else 0.01 * mass / contact_stiffness
+    return np.array([bends, bends, bends / size**2])
+
+
+def _in_si(found: Reduced, fit: ShroudFit, length: float, mass: float) -> ReducedBlade:
+    """The modes in SI units, with what is to be said of them."""
+    f = found.omega / math.tau
+    kept = int(np.sum(~found.residual))
+    if np.any(found.zeta[:kept] > 1):
+        j = int(np.argmax(found.zeta[:kept] > 1))
+        raise InputError(
+            f"Mode {j} at {f[j]:.6g} Hz is damped above critical (zeta = {found.zeta[j]:.3g}); keep fewer."
+        )
+    if len(f) > MAX_MODES:
+        raise InputError(f"There are {len(f)} modes with residual vectors, but at most {MAX_MODES}; keep fewer.")
+    none = np.full(len(f) - kept, np.nan)
+    misfit, unseen = (np.concatenate([a, none]) for a in fit.shares(found.shapes))
+    scale = np.sqrt(mass) * np.array([1.0, 1.0, length])[:, None]
+    blade = ReducedBlade(
+        f=f,
+        zeta=found.zeta,
+        phi=found.at_shroud / scale,
+        kind=tuple("residual" if one else "mode" for one in found.residual),
+        misfit=misfit,
+        unseen=unseen,
+        left_out=found.left_out,
+        notes=(),
+    )
+    return replace(blade, notes=tuple(_notes_on(blade, found)))
+
+
+def _notes_on(blade: ReducedBlade, found: Reduced) -> Iterator[str]:
+    left = ", ".join(f"{100 * a:.3g} % along {name}" for name, a in zip(COORDINATES, blade.left_out, strict=True))
+    carried = "which the residual vectors carry" if found.residual.any() else "which nothing carries"
+    yield f"The modes leave out {left} of the shroud's static flexibility, {carried}."
+    own = found.own_omega / math.tau
+    for j in np.flatnonzero(found.residual & (own > blade.f * (1 + 1e-9))):
+        told = f"{own[j]:.4g} Hz" if own[j] < 1e30 else "that of no mass"
+        yield f"Residual vector {j} has {blade.f[j]:.4g} Hz in the place of {told}: fewer steps, the same flexibility."
+    for j in np.flatnonzero(np.nan_to_num(blade.misfit) > LARGE_MISFIT):
+        yield f"Mode {j}: {100 * blade.misfit[j]:.2g} % of the motion of the shroud's nodes is not rigid."
+    low, high = USUAL_FREQUENCIES
+    if not low <= blade.f[0] <= high:
+        yield f"A blade whose first mode is at {blade.f[0]:.3g} Hz rings absurdly: are the units right?"

@@ -1,0 +1,296 @@
+"""Modes and residual vectors from matrices of finite elements, against the whole matrices."""
+
+import dataclasses
+
+import beam_model
+import numpy as np
+import pytest
+from scipy.io import mmwrite
+from scipy.linalg import eigh
+from scipy.sparse import csc_array, save_npz
+
+import jaxshroud as js
+from jaxshroud.cli import commands
+
+K_CONTACT, L_OA, ALPHA = 2e6, 0.04, np.radians(60.0)
+FREQUENCIES = np.linspace(50, 900, 60)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return beam_model.Model()
+
+
+def reduce(model, **changes):
+    given = {"dofs": model.labels, "nodes": model.nodes, "shroud": beam_model.TIPS, "fixed": ["0"], "zeta": 0.002}
+    return js.reduce(model.K, model.M, **(given | changes))
+
+
+def whole(model):
+    """K, M and the map to the shroud of the unknowns that are free."""
+    free = model.free
+    return model.K[np.ix_(free, free)], model.M[np.ix_(free, free)], model.shroud()[:, free]
+
+
+def flexibility(blade):
+    return (blade.phi / (2 * np.pi * blade.f) ** 2) @ blade.phi.T
+
+
+def stuck_springs():
+    """The stiffness (3, 3) at the shroud of a blade whose neighbour moves against it, stuck at the upper corner."""
+    s, c = np.sin(ALPHA), np.cos(ALPHA)
+    corner = np.array([L_OA / 2 + 0.01 * c, 0.01 * s])
+    rows = [np.array([*n, corner[1] * n[0] - corner[0] * n[1]]) for n in ((s, -c), (c, s))]
+    return 2 * K_CONTACT * sum(np.outer(row, row) for row in rows)
+
+
+def stuck_of_blade(blade):
+    phi = blade.phi
+    squares, _ = np.linalg.eigh(np.diag((2 * np.pi * blade.f) ** 2) + phi.T @ stuck_springs() @ phi)
+    return np.sqrt(squares) / (2 * np.pi)
+
+
+def stuck_of_model(model):
+    K, M, B = whole(model)
+    return np.sqrt(eigh(K + B.T @ stuck_springs() @ B, M, eigvals_only=True)) / (2 * np.pi)
+
+
+def response_of_blade(blade, f):
+    omega, own = 2 * np.pi * f, 2 * np.pi * blade.f
+    H = (blade.phi / (own**2 - omega**2 + 2j * blade.zeta * own * omega)) @ blade.phi.T
+    return np.linalg.solve(np.eye(3) + H @ stuck_springs(), H @ [1.0, 0.5, 0.01])
+
+
+def response_of_model(model):
+    """The displacements of the shroud at all frequencies, with damping of all its modes."""
+    K, M, B = whole(model)
+    squares, shapes = eigh(K, M)
+    own, phi = np.sqrt(squares), B @ shapes
+    found = []
+    for omega in 2 * np.pi * FREQUENCIES:
+        H = (phi / (squares - omega**2 + 2j * 0.002 * own * omega)) @ phi.T
+        found.append(np.linalg.solve(np.eye(3) + H @ stuck_springs(), H @ [1.0, 0.5, 0.01]))
+    return np.array(found)
+
+
+def response_error(model, blade):
+    """The largest error at frequencies away from stuck ones, over the largest of the three components there."""
+    stuck = stuck_of_model(model)
+    away = np.array([np.min(np.abs(stuck / f - 1)) > 0.05 for f in FREQUENCIES])
+    wanted = response_of_model(model)
+    found = np.array([response_of_blade(blade, f) for f in FREQUENCIES])
+    scale = np.array([1, 1, L_OA])
+    errors = np.abs((found - wanted) * scale).max(axis=1) / np.abs(wanted * scale).max(axis=1)
+    return np.max(errors[away])
+
+
+def test_modes_are_those_of_the_matrices(model):
+    K, M, B = whole(model)
+    squares, shapes = eigh(K, M)
+    blade = reduce(model, n_modes=6)
+    np.testing.assert_allclose(blade.f[:6], np.sqrt(squares[:6]) / (2 * np.pi), rtol=1e-6)  # of SciPy's
+    np.testing.assert_allclose(np.abs(blade.phi[:, :6]), np.abs(B @ shapes[:, :6]), rtol=1e-6, atol=1e-6)
+    assert np.max(blade.misfit[:3]) < 0.02
+    assert blade.kind == ("mode",) * 6 + ("residual",) * 3
+
+
+@pytest.mark.parametrize("limit", [None, np.inf, 1500.0])
+def test_statics_at_the_shroud_are_exact(model, limit):
+    K, _, B = whole(model)
+    wanted = B @ np.linalg.solve(K, B.T)
+    size = np.sqrt(np.outer(np.diag(wanted), np.diag(wanted)))
+    blade = reduce(model, n_modes=3, residual_frequency=limit)
+    assert np.max(np.abs(flexibility(blade) - wanted) / size) < 1e-10
+    if limit == 1500.0:
+        assert np.max(blade.f) == pytest.approx(limit)
+    # Control: modes alone leave out what is said of them.
+    alone = reduce(model, n_modes=3, residuals=False)
+    left = 1 - np.diag(flexibility(alone)) / np.diag(wanted)
+    np.testing.assert_allclose(left, alone.left_out, rtol=1e-6, atol=1e-9)
+    assert np.max(left) > 1e-3
+
+
+def test_stuck_frequencies_and_the_response_need_residual_vectors(model):
+    wanted = stuck_of_model(model)[:3]
+    blade = reduce(model, n_modes=3)
+    np.testing.assert_allclose(stuck_of_blade(blade)[:3], wanted, rtol=1e-3)
+    # Five percent beside a resonance an error of 5e-4 in its frequency is one of 1e-2 in the response.
+    assert response_error(model, blade) < 2e-2
+    assert response_error(model, reduce(model, n_modes=6)) < 1e-4
+    # Controls: modes alone, and theta of the other hand.
+    alone = reduce(model, n_modes=3, residuals=False)
+    assert np.max(np.abs(stuck_of_blade(alone)[:3] / wanted - 1)) > 0.01
+    assert response_error(model, alone) > 0.05
+    mirrored = dataclasses.replace(blade, phi=blade.phi * np.array([[1], [1], [-1]]))
+    assert response_error(model, mirrored) > 0.05
+    assert np.max(np.abs(stuck_of_blade(mirrored)[:3] / wanted - 1)) > 5e-3
+
+
+def test_units_and_frames(model):
+    # N, mm, s, tonnes; and a frame whose x is along y of the model.
+    K, M = model.K.copy(), model.M.copy()
+    turn = np.array([int(label.split(".")[1]) > 3 for label in model.labels])
+    scale = np.where(turn, 1.0, 1e-3)  # displacements in mm
+    blade = reduce(model, n_modes=3)
+    other = js.reduce(
+        *(K * np.outer(scale, scale) * 1e3, M * np.outer(scale, scale) * 1e3),
+        dofs=model.labels,
+        nodes={node: 1e3 * place for node, place in model.nodes.items()},
+        shroud=beam_model.TIPS,
+        fixed=["0"],
+        n_modes=3,
+        zeta=0.002,
+        units="mm-t-s",
+    )
+    np.testing.assert_allclose(other.f, blade.f, rtol=1e-6)
+    np.testing.assert_allclose(flexibility(other), flexibility(blade), rtol=1e-7, atol=1e-15)
+    turned = reduce(model, n_modes=3, x_axis=(0.0, 1.0, 0.0), y_axis=(-1.0, 0.0, 0.0))
+    P = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+    np.testing.assert_allclose(flexibility(turned), P @ flexibility(blade) @ P.T, rtol=1e-8, atol=1e-15)
+
+
+def test_a_singular_mass_and_one_triangle_are_allowed(model):
+    M = model.M.copy()
+    turns = [i for i, label in enumerate(model.labels) if label.endswith((".4", ".5", ".6")) and label[:2] != "10"]
+    M[np.ix_(turns, range(len(M)))] = 0.0
+    M[np.ix_(range(len(M)), turns)] = 0.0
+    free = model.free
+    K = model.K[np.ix_(free, free)]
+    inverse = eigh(M[np.ix_(free, free)], K, eigvals_only=True)
+    blade = js.reduce(
+        *(csc_array(np.triu(model.K)), csc_array(np.tril(M))),
+        dofs=model.labels,
+        nodes=model.nodes,
+        shroud=beam_model.TIPS,
+        fixed=["0"],
+        n_modes=2,
+    )
+    np.testing.assert_allclose(blade.f[:2], inverse[::-1][:2] ** -0.5 / (2 * np.pi), rtol=1e-9)
+
+
+def test_damping_is_that_of_its_matrix(model):
+    blade = reduce(model, n_modes=3, C=2e-6 * model.K, residual_frequency=np.inf)
+    np.testing.assert_allclose(blade.zeta[:3], 1e-6 * 2 * np.pi * blade.f[:3], rtol=1e-9)
+    with pytest.raises(js.InputError, match="damped above critical"):
+        reduce(model, n_modes=3, C=1.0 * model.K)
+
+
+def test_residual_vectors_that_are_stiff_beside_contact_are_left_out(model):
+    assert reduce(model, n_modes=3, contact_stiffness=1e3).kind.count("residual") < 3
+    assert reduce(model, n_modes=3, contact_stiffness=1e9).kind.count("residual") == 3
+
+
+WRONG = {
+    "asymmetric": ({"C": np.triu(np.ones((90, 90)), -3)}, "C is not symmetric"),
+    "free": ({"fixed": []}, r"free to move as a whole \(x, y, z, turns about x, turns about y, turns about z\)"),
+    "one line": ({"shroud": ["9", "10"], "dofs": "translations"}, "do not determine its theta"),
+    "no node": ({"shroud": ["7", "999"]}, "names node 999"),
+    "no place": ({"nodes": {"101": [0, 0, 0]}}, "has no coordinates"),
+    "fixed": ({"fixed": ["888"]}, "`fixed` names 888"),
+    "rows": ({"dofs": ["1.1"]}, "`dofs` names 1 unknowns"),
+    "label": ({"dofs": ["1.7"] * 90}, "direction from 1 to 6"),
+    "axes": ({"y_axis": (2.0, 0.0, 0.0)}, "two directions"),
+    "units": ({"units": "inch"}, "units"),
+    "too many": ({"n_modes": 15}, "at most 16"),
+    "negative": ({"negative": True}, "not positive definite"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_models_get_one_line(model, case):
+    changes, words = WRONG[case]
+    changes, K, M = dict(changes), model.K, model.M
+    if changes.pop("negative", False):
+        K = K - np.diag(np.diag(K) * 1e-2)
+    given = {"dofs": model.labels, "nodes": model.nodes, "shroud": beam_model.TIPS, "fixed": ["0"]} | changes
+    if given["dofs"] == "translations":
+        own = [i for i, label in enumerate(model.labels) if label.endswith((".1", ".2", ".3"))]
+        K, M = K[np.ix_(own, own)] + np.diag(np.ones(len(own))), M[np.ix_(own, own)]
+        given["dofs"] = [model.labels[i] for i in own]
+    with pytest.raises(js.InputError, match=words) as caught:
+        js.reduce(K, M, **given)
+    assert "\n" not in str(caught.value)
+
+
+def test_more_unknowns_than_the_memory_takes_are_refused():
+    n = 30_000_000
+    from jaxshroud.linear.reduction import require_memory
+
+    with pytest.raises(js.InputError, match="30000000 unknowns would take"):
+        require_memory(n)
+
+
+def written(model, folder):
+    """The files of a model in every form, by the words that name them."""
+    free = model.free
+    K, M = (matrix[np.ix_(free, free)] for matrix in (model.K, model.M))
+    labels = [model.labels[i] for i in free]
+    nodes = np.array([[float(node), *place] for node, place in model.nodes.items()])
+    np.savez(folder / "all.npz", K=K, M=M, dofs=np.array(labels), nodes=nodes)
+    (folder / "rows.dof").write_text("\n".join(labels) + "\n")
+    (folder / "nodes.txt").write_text(
+        "*NODE\n" + "\n".join(f"{int(n)}, {x}, {y}, {z}" for n, x, y, z in nodes.tolist())
+    )
+    for name, matrix in (("K", K), ("M", M)):
+        mmwrite(folder / f"{name}.txt.mtx", csc_array(matrix), symmetry="symmetric", precision=17)
+        (folder / f"{name}.txt.mtx").rename(folder / f"{name}.dat")  # under any suffix
+        save_npz(folder / f"{name}.npz", csc_array(matrix))
+        i, j = np.nonzero(np.triu(np.ones_like(matrix)))
+        lines = (f"{a + 1} {b + 1} {float(matrix[a, b])!r}" for a, b in zip(i, j, strict=True))
+        (folder / f"{name}.sti").write_text("\n".join(lines))
+    beside = ["--dofs", "rows.dof", "--nodes", "nodes.txt"]
+    return {
+        "npz": ["all.npz"],
+        "market": ["K.dat", "--mass", "M.dat", *beside],
+        "sparse": ["K.npz", "--mass", "M.npz", *beside],
+        "calculix": ["K.sti", "--mass", "M.sti", *beside],
+    }
+
+
+@pytest.mark.parametrize("form", ["npz", "market", "sparse", "calculix"])
+def test_the_command_reads_files(model, tmp_path, monkeypatch, capsys, form):
+    monkeypatch.chdir(tmp_path)
+    words = ["reduce", *written(model, tmp_path)[form], "--shroud", ",".join(beam_model.TIPS), "--modes", "3"]
+    assert commands.main([*words, "--zeta", "0.002", "--out", "blade.csv"]) == 0
+    assert "static flexibility" in capsys.readouterr().out
+    blade = reduce(model, n_modes=3)
+    scene = js.load("table1", ["blades.modes=blade.csv", "contact.k=2e5"]).scene
+    np.testing.assert_allclose(np.stack([mode.f[0] for mode in scene.blades.modes]), blade.f, rtol=1e-8)
+    phi = np.array(
+        [[getattr(mode, name)[0] for mode in scene.blades.modes] for name in ("phi_x", "phi_y", "phi_theta")]
+    )
+    np.testing.assert_allclose(
+        flexibility(dataclasses.replace(blade, phi=phi)), flexibility(blade), rtol=1e-6, atol=1e-18
+    )
+
+
+NO_MARKET = "*MATRIX TYPE\nSYMMETRIC\n1,1,2,1, 3.0\n"  # as of Abaqus
+
+
+@pytest.mark.parametrize(
+    ("files", "words"),
+    [
+        ({"K.mtx": NO_MARKET}, "Abaqus"),
+        ({"K.mtx": "1 1\n2 2\n"}, "row column value"),
+        ({"K.mtx": "%%MatrixMarket matrix nonsense\n"}, "cannot be read as a matrix"),
+        ({"K.mtx": "\x89HDF\r\n"}, "form that is not read"),
+        ({}, "cannot be read"),
+        ({"K.mtx": "1 1 1.0\n", "rows.dof": "1.9\n"}, "direction from 1 to 6"),
+        ({"K.mtx": "1 1 1.0\n", "rows.dof": "1.1\n1.1\n"}, "stands for two rows"),
+        ({"K.mtx": "1 1 1.0\n", "rows.dof": "1.1\n", "nodes.txt": "*NODE\n"}, "holds no nodes"),
+    ],
+)
+def test_wrong_files_get_one_line(tmp_path, monkeypatch, capsys, files, words):
+    monkeypatch.chdir(tmp_path)
+    for name, text in files.items():
+        (tmp_path / name).write_bytes(text.encode("latin-1"))
+    line = ["reduce", "K.mtx", "--mass", "K.mtx", "--dofs", "rows.dof", "--nodes", "nodes.txt", "--shroud", "1"]
+    assert commands.main([*line, "--out", "blade.csv"]) == 2
+    last = capsys.readouterr().err.strip().splitlines()[-1]
+    assert words in last
+
+
+def test_the_shipped_blade_is_that_of_the_model(model):
+    blade = reduce(model, n_modes=3)
+    modes = js.load("fem_blade").scene.blades.modes
+    np.testing.assert_allclose([mode.f[0] for mode in modes], blade.f, rtol=1e-6)
