@@ -384,7 +384,6 @@ def _verbs():
     ring = load(RING)
     return {
         "trade": lambda: js.trade(ring),
-        "method_for": lambda: js.method_for(ring.scene),
     }
 
 
@@ -407,6 +406,7 @@ KNOW_ROWS = {
         "attractors",
         "basins",
         "fit",
+        "method_for",
     ),
     *("value_of", "vary", "scenes_from", "stack_scenes"),
 }
