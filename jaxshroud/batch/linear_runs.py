@@ -19,6 +19,7 @@ from jaxshroud.model.contact_law import ContactLoads
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Means, Moments
+from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene
@@ -137,5 +138,6 @@ def _sample(scenes: Scene, motion: LinearMotion, state: LinearState, method: Cho
 def _power_lost(scenes: Scene, motion: LinearMotion) -> np.ndarray:
     """The mean power that the dampers of all blades take, which the drive gives [W], (lanes,)."""
     b = scenes.blades
+    assert isinstance(b, Blades)  # others have no closed forms
     dampers = np.stack([np.asarray(a, float) for a in (b.c_x, b.c_y, b.c_T)], axis=1)
     return np.einsum("lrb,lrb->l", motion.speed_square, dampers)
