@@ -8,6 +8,7 @@ from typing import NamedTuple, TypeVar
 import jax
 import numpy as np
 
+from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.runs import stepping_method
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.io.lane_status import LaneWarning
@@ -82,7 +83,7 @@ def with_tangents(resolved: ResolvedOptions, lanes: Scene, usual: Choices = FAST
     if resolved.asked.method is None and resolved.asked.plan is None:
         in_precision(lanes, "float64")  # raises before any method is tried
     march = plan_march(resolved, lanes, usual)
-    if is_linear(lanes) or stepping_method(lanes, march.method) is not None:
+    if is_linear(lanes) or stepping_method(lanes, as_differentiable(march.method)) is not None:
         return march
     # tangents are marched without contact too
     return march._replace(steps=steps_for(lanes, 1, resolved.asked.given_steps, march.method.tableau))

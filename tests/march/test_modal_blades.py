@@ -25,7 +25,7 @@ FINE = js.RungeKutta("dopri8", STEPS)
 COORDINATES = ("x", "y", "theta")
 PAIRS = [(seed, 2, False, 0 if seed % 2 else 2) for seed in range(1, 41)]
 ROWS = [(seed, 3 + seed % 2, bool(seed % 2), 2 * (seed % 2)) for seed in range(41, 51)]
-AT_ONCE = ["1-2-False-0", "41-4-True-2"]  # a corner of a pair, and points in a ring
+AT_ONCE = ["1-2-False-0"]
 
 
 @dataclasses.dataclass
@@ -40,7 +40,8 @@ class Drawn:
     def opinion(self):
         """The states at the ends of periods and the counts of events; None where the reference gives up."""
         if self.points or self.modes.f.shape[0] < 3:
-            return modal_reference.point_ends(self.scene, self.modes, PERIODS, 800)
+            # With 800 steps it counts a stick that is none.
+            return modal_reference.point_ends(self.scene, self.modes, PERIODS, STEPS)
         return modal_reference.corner_ends(self.p, self.modes, PERIODS)
 
 
@@ -100,7 +101,8 @@ TABLE1 = ["drive.M_0=1"]
 THREE = ["row.blades=3", "shroud.gap=22 um", "row.closed=true", "drive.engine_order=1", "blades.I=2.46e-3"]
 
 
-@pytest.mark.parametrize(("name", "numbers"), [("table1", TABLE1), ("row_chain5", THREE)])
+@pytest.mark.full(but=["pair"])
+@pytest.mark.parametrize(("name", "numbers"), [("table1", TABLE1), ("row_chain5", THREE)], ids=["pair", "ring"])
 def test_lumped_blades_are_three_modes(name, numbers):
     # Its start is not at rest: the shapes of x, y and theta also carry a motion of the shroud.
     moved = ["initial.x=2e-5", "initial.v_theta=0.1"]

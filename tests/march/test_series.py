@@ -31,7 +31,7 @@ from jaxshroud.model.arithmetic import Unrolled, is_zero
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import State, prepared_model
 from jaxshroud.model.rhs import Recorded, rhs
-from jaxshroud.model.row import alone, at_only_interface, clusters_of, row_of_pair, row_rhs, state_of_row
+from jaxshroud.model.row import alone, at_only_interface, clusters_of, prepared_row, row_rhs, state_of_row
 from jaxshroud.model.series import Series, polynomial_value, polynomial_value_and_rate
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Contact
@@ -60,8 +60,7 @@ def held(rng: np.random.Generator) -> State:
 
 def expanded(state: State, scene) -> dict:
     """Numbers by the series `SHORT` after a state, and the same by the right-hand side and the guards there."""
-    ready = prepared_model(scene)
-    row = row_of_pair(ready)
+    row = prepared_row(scene)
     now = state_of_row(state)
     lane = eqx.tree_at(lambda lane: lane.state, POWER_SERIES.begin(now, row, COARSE, alone), now)
     start, period = jnp.asarray(0.13), scene.drive.period

@@ -155,8 +155,8 @@ FAULTS = {
     ),
     "the last interface of a ring": Fault(
         "model/arithmetic.py",
-        "return jnp.roll(a, -1, 0) if closed else a[1:]",
-        "return jnp.roll(a, 1, 0) if closed else a[1:]",
+        "lambda a: jnp.roll(a, -1, 0) if closed else a[1:], a",
+        "lambda a: jnp.roll(a, 1, 0) if closed else a[1:], a",
         ROWS,
     ),
     "the springs of a matrix": Fault(

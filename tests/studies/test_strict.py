@@ -19,6 +19,8 @@ LONG += ("table", "tune")
 # Without JAX, or of files; `trade` and the map of a search, which is a sweep, take minutes.
 OTHERS = {"amplitude_spectrum", "cache_compilations", "load", "open", "periodicity", "scenes_from"}
 OTHERS |= {
+    "modal_blades",
+    "reduce",
     "shipped",
     "stack_scenes",
     "sweep_function",
