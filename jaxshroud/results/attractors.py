@@ -11,6 +11,7 @@ from jaxshroud.io.variable import Attribute, ComplexVariable, Entry, MotionVaria
 from jaxshroud.results.amplitudes import AT_POINTS, EACH, contact_values
 from jaxshroud.results.base import Result
 from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.layout import Layout
 from jaxshroud.signals.effects import between, with_interval
 
 if TYPE_CHECKING:
@@ -113,13 +114,16 @@ class Attractors(Result):
         values: Mapping[str, object],
         lanes: Sequence[str],
         attrs: Mapping[str, object],
+        layout: Layout,
         coords: Mapping[str, object] | None = None,
     ) -> Self:
         """The result from the values of attractors and from those of starts, whose axes are `lanes`."""
         of_starts = {name: values[name] for name in ("label", "status", "initial") if name in values}
         of_attractors = {name: value for name, value in values.items() if name not in of_starts}
-        result = cls.from_values(of_starts, lanes=lanes, coords={"blade": [0, 1], **(coords or {})}, attrs=attrs)
-        other = cls.from_values(of_attractors, lanes=("attractor",)).data
+        result = cls.from_values(
+            of_starts, lanes=lanes, coords={"blade": range(layout.blades), **(coords or {})}, attrs=attrs
+        )
+        other = cls.from_values(of_attractors, lanes=("attractor",), layout=layout).data
         merged = result.data.merge(other, combine_attrs="override")
         result.data = merged.assign_attrs({**other.attrs, **result.data.attrs})
         return result

@@ -102,7 +102,7 @@ def attractors(
     found = _attractors_from(single, states, most_periods, shooting, progress)
     values = attractor_values(found, _drawn_paths(found, single, shooting)) | {"initial": states.motion}
     values |= {"spread": spread, "seed": seed}
-    return Attractors.of_values(values, ("start",), attributes, {"blade": range(single.layout.blades)})
+    return Attractors.of_values(values, ("start",), attributes, single.layout)
 
 
 def _single_scene(
@@ -198,8 +198,7 @@ def basins(
     values |= {name: np.asarray(values[name]).reshape(num, num) for name in ("label", "status")}
     dims = {key: dimension(key, names) for key in axes}
     lines = {dims[key]: (dims[key], line, key_attrs(key, names)) for key, line in axes.items()}
-    coords = {"blade": range(single.layout.blades), **lines}
-    return Basins.of_values(values, tuple(dims.values()), attributes, coords)
+    return Basins.of_values(values, tuple(dims.values()), attributes, single.layout, lines)
 
 
 def _check_moves(key: str, scene: Scene) -> None:
@@ -260,7 +259,7 @@ def row_motions(scene: Scene, starts: int, seed: int, march: MarchPlan, transien
 
 
 def _found(values: Mapping[str, object], scene: Scene, attrs: dict[str, int | str]) -> Attractors:
-    return Attractors.of_values(values, ("start",), attrs, {"blade": range(len(scene.initial.x))})
+    return Attractors.of_values(values, ("start",), attrs, scene.layout)
 
 
 def _most_frequent_first(numbers: np.ndarray) -> np.ndarray:

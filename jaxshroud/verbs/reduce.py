@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import ArrayLike
+from numpy.typing import ArrayLike
 
 from jaxshroud.io.finite_element import Unknown, unknown_of
 from jaxshroud.linear.reduction import (
