@@ -63,7 +63,6 @@ from jaxshroud.march.taylor_expansion import (
 )
 from jaxshroud.march.taylor_integrals import OfBlade, SlidingSeries, TrialSpan, motion_after, read_off
 from jaxshroud.model.arithmetic import (
-    ZERO,
     Scalar,
     any_along,
     greatest,
@@ -253,7 +252,7 @@ def _largest_terms(expansion: TaylorExpansion, fixed: Fixed[RowModel], order: in
         def largest(n: int) -> Scalar:
             sizes = [jnp.abs(a[n]) for a in (x, y) if not is_zero(a[0])]
             sizes += [] if is_zero(theta[0]) else [jnp.abs(lever * theta[n])]
-            return reduce(jnp.maximum, sizes) if sizes else ZERO
+            return reduce(jnp.maximum, sizes) if sizes else jnp.zeros_like(lever)  # of a rigid neighbour
 
         return LargestTerms(reduce(jnp.maximum, map(largest, (1, 2, 3))), largest(order), largest(order - 1))
 

@@ -458,3 +458,10 @@ def test_a_double_crossing_inside_a_long_trial_is_met():
     )
     assert counts(by_series, "switch_23") == counts(fine, "switch_23")
     assert relative_error(ends(by_series), ends(fine), sizes(fine)) < 1e-8
+
+
+def test_a_rigid_neighbour_has_no_coordinates_of_its_own():
+    scene = js.load("table1", ['parts.neighbour="rigid"', 'parts.motion=["x"]']).scene
+    by_series = js.simulate(scene, n_periods=2, method=js.Taylor(steps=200)).last.motion.x
+    plain = js.simulate(scene, n_periods=2, method=js.RungeKutta("dopri8", 400)).last.motion.x
+    np.testing.assert_allclose(by_series, plain, rtol=0, atol=1e-8 * np.abs(plain).max())
