@@ -185,7 +185,7 @@ class ModalBlades(eqx.Module):
 
 @typed
 def modal_blades(
-    f: ArrayLike, zeta: ArrayLike, phi: ArrayLike, *, blades: int = 2, B: ArrayLike | None = None
+    f: ArrayLike, zeta: ArrayLike | float, phi: ArrayLike, *, blades: int = 2, B: ArrayLike | None = None
 ) -> ModalBlades:
     """Blades by arrays of their modes.
 
