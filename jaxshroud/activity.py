@@ -15,7 +15,9 @@ class Piece:
     """A piece of work."""
 
     def __init__(self, name: str, total: float):
-        self.name, self.total, self.done = name, total, 0.0
+        self.name = name
+        self.total = total
+        self.done = 0.0
 
     def __str__(self) -> str:
         return f"{self.name}: {self.done:.4g} of {self.total:.6g}"
@@ -41,7 +43,8 @@ def compilation(begins: bool = True) -> Iterator[None]:
 def _count_compilations(more: int) -> None:
     global _compilations, _began, _compiled
     with _lock:
-        before, now = _compilations, time.monotonic()
+        before = _compilations
+        now = time.monotonic()
         _compilations += more
         if not before:
             _began = now

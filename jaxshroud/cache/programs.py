@@ -32,7 +32,9 @@ class Prefetch:
     """Loads entries by their names on a thread, and notes which ones are requested."""
 
     def __init__(self, load: Callable[[str], Any]):
-        self.load, self.lock, self.stopped = load, threading.Lock(), threading.Event()
+        self.load = load
+        self.lock = threading.Lock()
+        self.stopped = threading.Event()
         self.loading: dict[str, Future] = {}  # being loaded, or loaded and not requested yet
         self.used: dict[str, None] = {}  # in the order in which they were requested
 

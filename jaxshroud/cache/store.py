@@ -164,7 +164,8 @@ class CheckedCache:
     """What JAX asks for the entry of a key, and gives one to keep."""
 
     def __init__(self, store: ProgramStore):
-        self.store, self.machine = store, f"{platform.machine()}\n{processor_features()}"
+        self.store = store
+        self.machine = f"{platform.machine()}\n{processor_features()}"
         self._path = store.folder  # which JAX names in its log
 
     def get(self, key: str) -> bytes | None:

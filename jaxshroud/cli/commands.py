@@ -214,16 +214,21 @@ def _exit_status(error: Exception) -> int:
         _abandon_output()
         return READER_GONE
     if isinstance(error, MachineError):
-        status, message = 1, str(error)
+        status = 1
+        message = str(error)
     elif isinstance(error, InputError):
-        status, message = 2, one_line(error)
+        status = 2
+        message = one_line(error)
     elif is_numerical_failure(error):
-        status, message = 1, f"numerical failure: {one_line(error)}"
+        status = 1
+        message = f"numerical failure: {one_line(error)}"
     elif isinstance(error, RuntimeError | AssertionError) and _lacks_device():
         platforms = os.environ.get("JAX_PLATFORMS", "")
-        status, message = 1, f"JAX_PLATFORMS={platforms}: JAX has no such device here; unset it, or set it to cpu"
+        status = 1
+        message = f"JAX_PLATFORMS={platforms}: JAX has no such device here; unset it, or set it to cpu"
     elif isinstance(error, MemoryError | OSError) or _is_xla_failure(error):
-        status, message = 1, f"the machine failed: {one_line(error) or 'out of memory'}"
+        status = 1
+        message = f"the machine failed: {one_line(error) or 'out of memory'}"
         _abandon_output()
     else:
         raise error

@@ -166,7 +166,8 @@ class Computation:
 
     def __call__(self, options: argparse.Namespace) -> None:
         """Run the command."""
-        command, start = COMMANDS[options.verb], time.perf_counter()
+        command = COMMANDS[options.verb]
+        start = time.perf_counter()
         file = load_scene(options, self.overrides(options))
         arguments = {**_plain_arguments(command.arguments, file, options), **self.prepare(file, options)}
         _claim_output(options)

@@ -15,7 +15,9 @@ def check_command(options: argparse.Namespace) -> None:
     from jaxshroud.cli.run_options import load_scene
     from jaxshroud.verbs.sheet_tables import crossing_rows, flow_rows, left_out, lines_of, mode_rows, rows_of
 
-    start, file, command = time.perf_counter(), load_scene(options), COMMANDS["check"]
+    start = time.perf_counter()
+    file = load_scene(options)
+    command = COMMANDS["check"]
     if options.out is not None:
         claim_directory(options.out, command.files, options.force)
     with input_errors_at(file.name):
@@ -63,7 +65,8 @@ def _explanation_rows(explanation: Any, choice: Any) -> dict[str, Any]:
     lacks = [f"{n}: {part}" for n, part, full in zip(Parts._fields, parts, Parts(), strict=True) if part != full]
     share = explanation.operations / explanation.full_operations
     operations = f"{explanation.operations}, {share:.2f} of the full model"
-    events, row = ", ".join(explanation.events) or "none", {"neighbour": parts.neighbour}
+    events = ", ".join(explanation.events) or "none"
+    row = {"neighbour": parts.neighbour}
     if explanation.blades > 2 or explanation.interfaces > 1:
         row = {"row": f"{explanation.blades} blades, {explanation.interfaces} interfaces"}
         operations += f", {explanation.operations / explanation.blades:.0f} for each blade"
@@ -87,7 +90,8 @@ def _explanation_rows(explanation: Any, choice: Any) -> dict[str, Any]:
 
 def scenes_command(_: argparse.Namespace) -> None:
     """Print names and titles of the shipped scenes, with the other names of some."""
-    scenes, others = shipped(), {name: other for other, name in aliases().items()}
+    scenes = shipped()
+    others = {name: other for other, name in aliases().items()}
     for name, title in scenes.items():
         also = f" (also {others[name]})" if name in others else ""
         print(f"{name:<12} {title}{also}")

@@ -89,7 +89,8 @@ def _print_projection_of_march(call: VerbCall) -> None:
     method = march.method._replace(amplitudes=True)
     plan = Plan(chosen["transient"], chosen["n_periods"], march.steps, 0.0, method)
     (values,) = chosen["along"].values()
-    lanes, blades = len(scenes.drive.omega), scenes.layout.blades
+    lanes = len(scenes.drive.omega)
+    blades = scenes.layout.blades
     size = search_size(chosen["scan"], chosen["starts"], chosen["updates"], None, direction)
     searched = 0 if size is None else size.most_patterns(1 + blades / len(values)) * len(values)
     print_projection_of_long_run(
@@ -118,7 +119,8 @@ def _output_mistuning(completed: CompletedCall) -> None:
     heads = ("design", "sigma", "5 %", "median", "95 %", "largest", "without")
     print_columns("amplification", heads, _amplification_rows(result))
     warn_status(result.status, result.chatter)
-    worst, value = result.worst, result.worst_value[result.worst]
+    worst = result.worst
+    value = result.worst_value[result.worst]
     key = find_key(result.along)[0].parts
     shown = {
         "tuned": f"{result.tuned_largest:.6g} at {display_value(*key, result.tuned_value)}",

@@ -254,7 +254,8 @@ def _output_scatter(completed: CompletedCall) -> None:
     heads = ("number", "low [SI]", "high [SI]", "alone (95 %)", "in all (95 %)")
     shares = [_share_cells(scatter, i) for i in range(len(scatter.keys))]
     print_columns(f"shares of the variance of {scatter.quantity}", heads, shares)
-    at_least, unit = completed.options.at_least is not None, unit_of(scatter.quantity)
+    at_least = completed.options.at_least is not None
+    unit = unit_of(scatter.quantity)
     rows = {
         f"median of {scatter.quantity}": f"{scatter.median:.4g} {unit}",
         "nine draws in ten": f"{scatter.likely_low:.4g} to {scatter.likely_high:.4g} {unit}",

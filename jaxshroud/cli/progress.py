@@ -32,7 +32,9 @@ class ProgressReport:
             compiling: How much of it programs were being compiled.
         """
         self.unit, self.clock, self.compiling = unit, clock, compiling
-        self.start, self.done, self.total = clock(), 0.0, 0
+        self.start = clock()
+        self.done = 0.0
+        self.total = 0
         self.first = self.latest = (0.0, 0.0)  # working time, and what was done by then
         self.reported_within: Piece | None = None
 
@@ -44,7 +46,10 @@ class ProgressReport:
         now = self._working_time(), done
         if not self.first[1] or done < self.done:
             self.first = now
-        self.done, self.total, self.latest, self.reported_within = done, total, now, innermost_piece()
+        self.done = done
+        self.total = total
+        self.latest = now
+        self.reported_within = innermost_piece()
 
     @property
     def rate(self) -> float:
@@ -155,7 +160,8 @@ def progress_bar(unit: str) -> Iterator[Callable[[float, int], None]]:
     from rich.progress import BarColumn, Progress, TextColumn
     from rich.text import Text
 
-    report, console = ProgressReport(unit), Console(stderr=True)
+    report = ProgressReport(unit)
+    console = Console(stderr=True)
     if not console.is_terminal:
         with reported(report):
             yield report

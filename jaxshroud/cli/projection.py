@@ -53,7 +53,8 @@ def projected_seconds(
         beside: How many lanes are run at once where values are continued one by one; None: all.
         progress: Called with (lane-periods done, lane-periods in all) of this measurement.
     """
-    count, chunk = len(scenes.drive.omega), lanes_per_call(scenes.layout)
+    count = len(scenes.drive.omega)
+    chunk = lanes_per_call(scenes.layout)
     width = beside or chunk
     starting = np.arange(0, count, width)
     brief = replace(plan, transient=PROJECTED_PERIODS, kept=PROJECTED_PERIODS)
@@ -76,7 +77,8 @@ def _processor_seconds(
 ) -> float:
     """The processor time that some of the lanes take [s], in so many seconds at most, or until so much is done."""
     lanes = jax.tree.map(lambda a: np.asarray(a)[some], scenes)
-    began, end = process_time(), perf_counter() + seconds
+    began = process_time()
+    end = perf_counter() + seconds
 
     def tick(more: int | float) -> None:
         ticker(more)
@@ -154,7 +156,8 @@ def print_projection_of_long_run(
         samples: Whether results hold samples.
         place: Where results are stored.
     """
-    lanes, periods = len(scenes.drive.omega) * len(directions), plan.transient + plan.kept
+    lanes = len(scenes.drive.omega) * len(directions)
+    periods = plan.transient + plan.kept
     slowness = 1 if directions == ("independent",) else max(LANES_PER_LONE_LANE // lanes_per_value, 1)
     if not _is_long(round(slowness * lanes * repeats), periods, plan.steps_per_period, scenes):
         return

@@ -200,7 +200,8 @@ def _is_stored(file: SceneFile, options: argparse.Namespace) -> bool:
         raise CommandError("--scheduler needs a store, which keeps what workers have computed; leave out --store nc")
     if options.store is not None:
         return options.store == "zarr"
-    samples, blades = not options.no_samples, file.layout.blades
+    samples = not options.no_samples
+    blades = file.layout.blades
     size = results_size(_lane_count(file), file.sweep_run.periods, samples=samples, blades=blades)
     return bool(options.resume or options.scheduler or size > MOST_IN_FILE)
 

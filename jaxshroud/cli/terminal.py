@@ -188,7 +188,8 @@ def interruptible(leave: Callable[[int], None]) -> Iterator[threading.Event]:
         return
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
-    outer_hook, terminals = sys.unraisablehook, [stream for stream in (1, 2) if os.isatty(stream)]
+    outer_hook = sys.unraisablehook
+    terminals = [stream for stream in (1, 2) if os.isatty(stream)]
     is_raised = threading.Event()
 
     def interrupt(number: int, _: object) -> None:
@@ -229,7 +230,9 @@ def _listen(
     reader_gone: threading.Event,
     leave: Callable[[int], None],
 ) -> None:
-    presses, since, poll = 0, 0.0, select.poll()
+    presses = 0
+    since = 0.0
+    poll = select.poll()
     poll.register(reader, select.POLLIN)
     if _is_pipe(STDOUT):
         poll.register(STDOUT, 0)  # an error, which is always reported, means that nobody reads it any more
@@ -255,7 +258,8 @@ def _listen(
             signal.pthread_kill(threading.main_thread().ident or 0, heeded[0])
         told_twice = presses and number[0] != signal.SIGINT and time.monotonic() < since + TOLD_TWICE
         if number[0] in heeded and not told_twice:
-            presses, since = presses + 1, time.monotonic()
+            presses = presses + 1
+            since = time.monotonic()
             if deaf.ident is None:
                 deaf.start()
         if presses == 2:

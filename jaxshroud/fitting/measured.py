@@ -155,7 +155,8 @@ def orbit_amplitudes_by(
         numbers, sound = (list(part) for part in zip(*group, strict=True))
         places = measures, [channel.column(sound[0].scene.layout.blades) for channel in channels]
         of_all, by_all = _amplitudes_of_alike(sound, keys)
-        values[numbers], slopes[numbers] = of_all[:, *places], np.moveaxis(by_all[:, :, *places], 1, -1)
+        values[numbers] = of_all[:, *places]
+        slopes[numbers] = np.moveaxis(by_all[:, :, *places], 1, -1)
     return values, slopes
 
 

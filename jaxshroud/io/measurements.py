@@ -23,7 +23,10 @@ LARGEST = 1e30  # number that is taken for measured
 LEAST_NOISE = 1e-12  # over the largest value of a channel: that of rounding
 SIGMA = "_sigma"  # after the name of a channel
 AXIS_UNITS = {"t": "s", "omega": "rad/s", "f": "Hz", "speed": "rad/s", "engine_order": ""}
-EXAMPLES = [Channel(*parts).name for parts in product(DISPLACEMENTS, BLADES, ("", *MEASURES))]  # to hint at
+EXAMPLES = [  # to hint at
+    Channel(place=place, label=label, measure=measure).name
+    for place, label, measure in product(DISPLACEMENTS, BLADES, ("", *MEASURES))
+]
 UNIT_EXAMPLES = {"m": "mm", "rad": "deg"}  # of an SI unit
 RUN_TIME = "time [s]"  # the head by which a run that `convert` has written is known
 RUN_HEAD = re.compile(rf"({'|'.join(DISPLACEMENTS)})\[(\d+)\] (\[\w+\])")

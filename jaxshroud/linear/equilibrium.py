@@ -126,7 +126,8 @@ def in_pieces(f: Callable[..., Any], trees: tuple[Any, ...], at_once: int) -> An
     The first of the `trees` are the scenes of the lanes.
     """
     scenes: Scene = trees[0]
-    count, numbers = len(scenes.drive.omega), (3 * scenes.layout.blades) ** 2
+    count = len(scenes.drive.omega)
+    numbers = (3 * scenes.layout.blades) ** 2
     size = min(max(at_once // numbers, 1), 64) if count > 1 else 1  # two programs in all
     pieces = []
     with counted("scenes at rest", count) as tell:
@@ -148,7 +149,8 @@ def equilibria_under(springs: Springs, scenes: Scene) -> Equilibrium:
         return _without_contact(springs)
     ends = [_equilibrium(scenes, springs, first) for first in _first_states(scenes)]
     energies = np.array([np.where(np.isnan(end.q[:, 0, 0]), np.inf, end.energy) for end in ends])
-    best, lanes = np.argmin(energies, axis=0), np.arange(energies.shape[1])
+    best = np.argmin(energies, axis=0)
+    lanes = np.arange(energies.shape[1])
     found = _different(np.array([end.q for end in ends]))
     least = jax.tree.map(lambda *a: np.stack(a)[best, lanes], *ends)
     return least._replace(found=found)
@@ -156,7 +158,8 @@ def equilibria_under(springs: Springs, scenes: Scene) -> Equilibrium:
 
 def _without_contact(springs: Springs) -> Equilibrium:
     q = solutions(springs.stiffness, springs.load).reshape(len(springs.load), 3, -1)
-    lanes, none = len(q), np.zeros((len(q), 0, 1))
+    lanes = len(q)
+    none = np.zeros((len(q), 0, 1))
     contact = ContactState(none.astype(np.int32), none[..., 0].astype(np.int32), none)
     energy = -np.sum(springs.load * q.reshape(lanes, -1), axis=1) / 2
     nothing = RestingContact._make([np.zeros((lanes, 0))] * len(RestingContact._fields))
@@ -165,7 +168,9 @@ def _without_contact(springs: Springs) -> Equilibrium:
 
 def _first_states(scenes: Scene) -> list[ContactState]:
     """The states of contact from which equilibria are sought: one for all interfaces."""
-    lanes, layout, points = len(scenes.drive.omega), scenes.layout, max(scenes.points, 1)
+    lanes = len(scenes.drive.omega)
+    layout = scenes.layout
+    points = max(scenes.points, 1)
     turns = "theta" in scenes.parts.motion and not scenes.points
     shape = lanes, layout.interfaces
     apart = ContactState(
@@ -277,7 +282,8 @@ def passed_on(springs: Springs, contact: ContactState, forces: FloatArray) -> Fl
     Of a ring that is flat all round it is that of least norm.
     """
     flat = np.equal(contact.case, FLAT)
-    torque, passed = forces[:, 2 * springs.blades :], np.zeros(flat.shape)
+    torque = forces[:, 2 * springs.blades :]
+    passed = np.zeros(flat.shape)
     for _ in range(2 if springs.closed else 1):
         for j in range(flat.shape[1]):
             before = passed[:, j - 1] * flat[:, j - 1] if j or springs.closed else 0.0

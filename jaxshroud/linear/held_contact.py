@@ -57,7 +57,8 @@ def held_contact(scenes: Scene, state: LinearState) -> HeldContact:
 
 def _stuck_after_loads(scenes: Scene) -> HeldContact:
     """The equilibria of scenes (leading axis) after loads from rest, with all faces stuck where they are."""
-    rest, springs = loaded_equilibria(scenes), springs_of(scenes)
+    rest = loaded_equilibria(scenes)
+    springs = springs_of(scenes)
     stuck = rest.contact._replace(mode=np.full_like(rest.contact.mode, Mode.STICK))
     N = np.where(np.isnan(rest.q[:, :1, :1]), np.nan, rest.at.N)  # unknown where no path was found
     return HeldContact(
@@ -76,7 +77,8 @@ def _least(of_points: np.ndarray) -> np.ndarray:
 
 
 def _contact_held_in(scenes: Scene, state: LinearState) -> HeldContact:
-    springs, layout = springs_of(scenes), scenes.layout
+    springs = springs_of(scenes)
+    layout = scenes.layout
     shape = len(scenes.drive.omega), layout.interfaces
     apart = ContactState(
         np.zeros((*shape, max(scenes.points, 1)), np.int32),
@@ -93,7 +95,8 @@ def _contact_held_in(scenes: Scene, state: LinearState) -> HeldContact:
             rigid=held_directions(springs, apart),
             at_rest=_least(-at.open_v),
         )
-    case, q = np.full(shape, 4, np.int32), np.zeros((shape[0], 3, layout.blades))
+    case = np.full(shape, 4, np.int32)
+    q = np.zeros((shape[0], 3, layout.blades))
     if "theta" in scenes.parts.motion and not scenes.points:  # at which corners the faces touch, or whether flat
         rest = least_energy_equilibria(scenes)
         lost = np.any(np.isnan(rest.q), axis=(1, 2))

@@ -100,10 +100,12 @@ def _course_tangents(
 
 def _course(scene: Scene, held: HeldContact, rest: HeldRest, waves: SwingWaves) -> LinearMotion:
     """The motion of one scene in its state of contact; differentiable by the numbers of the scene and of its swing."""
-    blades, blocks = scene.layout.blades, ReducedSystem(held.rigid)
+    blades = scene.layout.blades
+    blocks = ReducedSystem(held.rigid)
     swing = SteadyNumbers(rest.q, {n: blocks.expanded(a) for n, a in waves.items()})
     repeats = math.gcd(*swing.waves) or 1  # of the motion in a base period; one of them represents all
-    swing, omega = swing._replace(waves={n // repeats: a for n, a in swing.waves.items()}), repeats * scene.drive.omega
+    swing = swing._replace(waves={n // repeats: a for n, a in swing.waves.items()})
+    omega = repeats * scene.drive.omega
     count = SAMPLES * max(swing.waves, default=1)
     tau = jnp.linspace(0, 2 * jnp.pi, count, endpoint=False, dtype=omega.dtype)
     q, rate, _ = steady_course(swing, tau[:, None])

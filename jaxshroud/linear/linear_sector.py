@@ -25,7 +25,8 @@ def settled_linear_tangents(scenes: Scene, along: Scene, repeats: int) -> tuple[
     """
     ring, copies = smallest_ring(without_given(scenes))
     if copies > 1 and not has_period_of_blades(along, ring.layout.blades):
-        ring, copies = without_given(scenes), 1
+        ring = without_given(scenes)
+        copies = 1
     if copies > 1:
         along = smaller_ring(along, ring.layout.blades)
     value, slopes = linear_tangents(ring, along, repeats)

@@ -101,7 +101,8 @@ def _about_rest_tangents(scenes: Scene, held: HeldContact, along: Scene, step: A
 
 def _balance_of(scene: Scene, held: HeldContact) -> Equations:
     """What the static position leaves unbalanced, and the stiffness: a step of 0 to rounding, with its derivatives."""
-    blocks, stiffness = ReducedSystem(lax.stop_gradient(held.rigid)), free_system(scene).stiffness
+    blocks = ReducedSystem(lax.stop_gradient(held.rigid))
+    stiffness = free_system(scene).stiffness
     q = lax.stop_gradient(held.q)
     if scene.start == "from rest":
         rest = resting_contact_of(scene, q, held.mode, held.case, held.u_s)
@@ -114,7 +115,8 @@ def _balance_of(scene: Scene, held: HeldContact) -> Equations:
 
 def _about_rest_of(scene: Scene, held: HeldContact, step: Any) -> tuple[HeldRest, dict[int, Equations]]:
     """The static position, and the equations of the harmonics of the motion about it."""
-    blocks, free = ReducedSystem(lax.stop_gradient(held.rigid)), free_system(scene)
+    blocks = ReducedSystem(lax.stop_gradient(held.rigid))
+    free = free_system(scene)
     q = lax.stop_gradient(held.q).ravel() + blocks.expanded(step)
     sliders = held.u_s if scene.start == "from rest" else None
     at = resting_contact_of(scene, q.reshape(held.q.shape), held.mode, held.case, sliders)

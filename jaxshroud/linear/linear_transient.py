@@ -119,7 +119,8 @@ def _from_rest(
 ) -> SumOfModes | None:
     """The numbers of one lane that must stay positive, from the start on; None where its motion does not die out."""
     eigenvalues, modes = np.linalg.eig(rate_matrix(*rest.matrices))
-    size, orders = len(free.T), 1j * omega * np.array([*waves], float)
+    size = len(free.T)
+    orders = 1j * omega * np.array([*waves], float)
     swing = -1j * np.array([*waves.values()]).reshape(-1, size).T  # each is Im[a exp(i n omega t)]
     start = -np.real(np.concatenate([swing.sum(axis=1), swing @ orders]))
     dying = modes * np.linalg.lstsq(modes, start.astype(complex), rcond=None)[0]

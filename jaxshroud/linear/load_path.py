@@ -200,7 +200,8 @@ def _to_next_event(now: Placed, rubbing: Rubbing) -> Walk:
         elif any(a.any() for a in path_guards(there, rubbing).crossed):
             return (yield from _located(now, there, rubbing))
         else:
-            now, step = there, min(2 * step, most)
+            now = there
+            step = min(2 * step, most)
     return now
 
 

@@ -47,7 +47,9 @@ def linear_systems(scenes: Scene, contact: NaturalContact, coordinate: int) -> M
     """
 
     def one(scene: Scene) -> MistunedSystem:
-        system, blades, b = linear_contact(scene), scene.layout.blades, scene.blades
+        system = linear_contact(scene)
+        blades = scene.layout.blades
+        b = scene.blades
         dtype = scene.drive.omega.dtype
         if isinstance(b, ModalBlades):
             _require_no_common_turn(system, contact)

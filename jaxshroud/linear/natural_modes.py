@@ -105,7 +105,9 @@ def linear_contact(scene: Scene) -> LinearContact:
 
     Contact is where the upper corners meet without a gap, or at all points of the faces.
     """
-    free, points, layout = free_system(scene), scene.contact.points, scene.layout
+    free = free_system(scene)
+    points = scene.contact.points
+    layout = scene.layout
     shroud = shroud_map(scene)
     block = corners(scene.shroud, scene.contact.reading, points)._replace(gap=jnp.zeros_like(scene.shroud.alpha))
 
@@ -149,7 +151,8 @@ def _turning_as_one(shroud: FloatArray) -> FloatArray:
 
 def drive_loads(scene: Scene) -> dict[int, Any]:
     """The complex amplitudes (D,) of the forces and moments on the coordinates, as in Eq. (1), by order n > 0."""
-    shroud, loads = shroud_map(scene), scene.drive.harmonics().items()
+    shroud = shroud_map(scene)
+    loads = scene.drive.harmonics().items()
     return {n: over_coordinates(complex_loads(scene, one), shroud) for n, one in loads if n > 0}
 
 
@@ -178,14 +181,16 @@ def natural_modes(blades: LinearContact, contact: NaturalContact) -> NaturalMode
     free = blades.directions(contact)
     root, K = _by_mass(blades, contact, free)
     squares, vectors = np.linalg.eigh(K)
-    omega, shape = np.sqrt(np.maximum(squares, TINY)), (free @ (vectors / root[:, None])).T
+    omega = np.sqrt(np.maximum(squares, TINY))
+    shape = (free @ (vectors / root[:, None])).T
     damping = np.einsum("ni,ij,nj->n", shape, blades.free.damping, shape)
     return NaturalModes(omega, damping / (2 * omega), shape)
 
 
 def _by_mass(blades: LinearContact, contact: NaturalContact, free: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The roots of the masses along directions, and the symmetric stiffness over these."""
-    root, K = np.sqrt(free.T**2 @ blades.free.mass), blades.free.stiffness + contact_stiffness(blades, contact)
+    root = np.sqrt(free.T**2 @ blades.free.mass)
+    K = blades.free.stiffness + contact_stiffness(blades, contact)
     return root, free.T @ ((K + K.T) / 2) @ free / np.outer(root, root)
 
 
@@ -250,7 +255,8 @@ def speed_curves(blades: LinearContact, contact: NaturalContact, growth: Growth,
             for i in places:
                 values, vectors = of.modes(float(squares[i]))
                 order = _matching(shapes, vectors)
-                shapes, found[:, i] = vectors[:, order], np.sqrt(np.maximum(values[order], 0.0))
+                shapes = vectors[:, order]
+                found[:, i] = np.sqrt(np.maximum(values[order], 0.0))
                 count(1)
     return found
 
@@ -260,7 +266,8 @@ def order_crossings(
 ) -> FloatArray:
     """The speeds at which engine orders meet each mode, (modes, orders) [rad/s]; NaN where one does at none."""
     of = _oscillators(blades, contact, growth)
-    root, modes = np.linalg.cholesky(of.at_rest), of.modes(of.square)[1]
+    root = np.linalg.cholesky(of.at_rest)
+    modes = of.modes(of.square)[1]
 
     def crossed_by(order: float) -> FloatArray:
         half = np.linalg.solve(root, order**2 * np.eye(len(root)) - of.growth)
@@ -313,7 +320,8 @@ def pressed_ranges(
     def least(speed):
         return float(np.min(static_normal_forces(blades, growth, by, speed**2)))
 
-    speeds, pressed = np.linspace(start, stop, POINTS_OF_RANGE), np.zeros(POINTS_OF_RANGE, bool)
+    speeds = np.linspace(start, stop, POINTS_OF_RANGE)
+    pressed = np.zeros(POINTS_OF_RANGE, bool)
     with counted("speeds at which faces are pressed", POINTS_OF_RANGE) as count:
         for i, speed in enumerate(speeds):
             pressed[i] = least(speed) > 0

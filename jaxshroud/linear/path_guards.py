@@ -95,8 +95,11 @@ def slip_direction(mode: np.ndarray) -> FloatArray:
 
 def path_guards(now: Placed, rubbing: Rubbing) -> PathGuards:
     """The guards of the state of contact in which a lane is."""
-    mode, (v_rate, u_rate) = now.contact.mode, _face_rates(now)
-    apart, sticks, sigma = np.equal(mode, Mode.APART), np.equal(mode, Mode.STICK), slip_direction(mode)
+    mode = now.contact.mode
+    v_rate, u_rate = _face_rates(now)
+    apart = np.equal(mode, Mode.APART)
+    sticks = np.equal(mode, Mode.STICK)
+    sigma = slip_direction(mode)
     v = np.where(apart & rubbing.at_corners, now.at.natural_v[:, None], now.at.v)
     lift = np.where(apart, v, -v) / now.size
     beyond = (np.abs(now.at.u - now.contact.u_s) - rubbing.lag * v) / now.size
@@ -110,7 +113,8 @@ def path_guards(now: Placed, rubbing: Rubbing) -> PathGuards:
 
 def leaving(now: Placed, rubbing: Rubbing) -> tuple[np.ndarray, np.ndarray]:
     """Which guards of points and cases are crossed, or are on zero and rise with the loads."""
-    guards, (v_rate, u_rate) = path_guards(now, rubbing), _face_rates(now)
+    guards = path_guards(now, rubbing)
+    v_rate, u_rate = _face_rates(now)
     mode, lag = now.contact.mode, rubbing.lag
     lift_rate = np.where(np.equal(mode, Mode.APART), v_rate, -v_rate)
     beyond_rate = np.where(np.equal(mode, Mode.STICK), _way_off(now, rubbing) * u_rate - lag * v_rate, -np.inf)
@@ -136,7 +140,9 @@ def _way_off(now: Placed, rubbing: Rubbing) -> FloatArray:
 
 def _case_guards(now: Placed, rubbing: Rubbing) -> tuple[FloatArray, FloatArray]:
     """The guards of the cases of corners, and their rounding: a turn, another height, or a torque beyond flat faces."""
-    case, flat, upper = now.contact.case, np.equal(now.contact.case, FLAT), now.contact.case <= 2
+    case = now.contact.case
+    flat = np.equal(now.contact.case, FLAT)
+    upper = now.contact.case <= 2
     turn = np.where(upper, -now.at.turn, now.at.turn) / now.size
     apart = np.equal(now.contact.mode[:, 0], Mode.APART)
     turned = np.abs(now.at.turn) > rubbing.rounding * now.size
@@ -150,7 +156,9 @@ def _case_guards(now: Placed, rubbing: Rubbing) -> tuple[FloatArray, FloatArray]
 def contact_after(now: Placed, points: np.ndarray, cases: np.ndarray, rubbing: Rubbing) -> ContactState:
     """The state of contact once guards of points (interfaces, points, 2) and cases (interfaces,) are crossed."""
     mode, lag = now.contact.mode, rubbing.lag
-    apart, sticks, sigma = np.equal(mode, Mode.APART), np.equal(mode, Mode.STICK), slip_direction(mode)
+    apart = np.equal(mode, Mode.APART)
+    sticks = np.equal(mode, Mode.STICK)
+    sigma = slip_direction(mode)
     lifts = points[..., 0] & ~(points[..., 1] & sticks)  # what sticks slips before it separates
     rubs = points[..., 1] & ~lifts
     begins = np.where(rubbing.rubs, Mode.STICK, Mode.SLIP_PLUS)

@@ -83,7 +83,8 @@ def _contact_between(q: Any, state: State, model: Model) -> RestingContact:
     if state.u_s is None:
         at_zero = State(state.motion, jnp.zeros(state.mode.shape, q.dtype), state.mode, state.case)
         state = State(state.motion, _loads(q, at_zero, model)[1].u, state.mode, state.case)
-    (load, of_points), (load_q, of_points_q) = _loads(q, state, model), jax.jacfwd(_loads)(q, state, model)
+    load, of_points = _loads(q, state, model)
+    load_q, of_points_q = jax.jacfwd(_loads)(q, state, model)
     now = _resting_state(q, state, model)
     place = pose(now.motion.x, now.motion.y, now.motion.theta)
     at = contact_kinematics(place, now.case, model.block, model.reading)

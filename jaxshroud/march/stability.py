@@ -82,9 +82,11 @@ class _Stiffness(NamedTuple):
 
 
 def _stiffness_of(scene: Scene) -> _Stiffness:
-    law, block = prepared_law(scene), corners(scene.running_shroud, scene.contact.reading)
+    law = prepared_law(scene)
+    block = corners(scene.running_shroud, scene.contact.reading)
     mass, damping, engaged = free_system(scene)
-    modes, shroud = scene.mode_numbers, shroud_map(scene)
+    modes = scene.mode_numbers
+    shroud = shroud_map(scene)
     springs = modes.stiffness if modes else [k for _, _, k in scene.running_blades.oscillators.values()]
     own = jnp.concatenate(springs)
     mobility = jnp.where(coordinates_that_move(scene), 1 / mass, 0.0)

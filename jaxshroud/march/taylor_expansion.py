@@ -106,7 +106,7 @@ def taylor_expansion(lane: Lane, fixed: Fixed[RowModel], order: int, each: Each)
     unit = seconds_per_radian(fixed)
     model = per_radian(fixed.model, unit)
     z = model.blades.shroud(state.motion)
-    motion = Motion(*z[:3], *(a * unit for a in z[3:]))
+    motion = z._replace(v_x=z.v_x * unit, v_y=z.v_y * unit, v_theta=z.v_theta * unit)
     at_faces = state.u_s, state.mode, state.case, faces_of(model)
     wave = wave_at(lane.step, lane.search.done, fixed.grid, each)
     trees = wave, (motion, blades_of(model)), at_faces
@@ -114,8 +114,9 @@ def taylor_expansion(lane: Lane, fixed: Fixed[RowModel], order: int, each: Each)
     def expanded(joined: Joined | None) -> TaylorExpansion:
         def of_element(wave, of_blades, of_faces):
             motion, blades = of_blades
-            *contact, faces = of_faces
-            return _expansion(State(motion, *contact), wave, whole_row(blades, faces), joined, order)
+            u_s, mode, case, faces = of_faces
+            start = State(motion=motion, u_s=u_s, mode=mode, case=case)
+            return _expansion(start, wave, whole_row(blades, faces), joined, order)
 
         return of_row(each, of_element, *trees)
 
@@ -191,8 +192,16 @@ def _expansion(
     for series, rate in zip((x, y, theta), a, strict=True):
         over(alone, _go_on, series, rate)
     faces = over(alone, partial(_face_series, order=order), now, places, torques, model.interfaces)
-    numbers = x, y, theta, *over(alone, rotation, theta)
-    return TaylorExpansion(*(over(alone, partial(coefficients, n=order), a) for a in numbers), faces=faces)
+    sine, versine = over(alone, rotation, theta)
+    up_to_order = partial(coefficients, n=order)
+    return TaylorExpansion(
+        x=over(alone, up_to_order, x),
+        y=over(alone, up_to_order, y),
+        theta=over(alone, up_to_order, theta),
+        sine=over(alone, up_to_order, sine),
+        versine=over(alone, up_to_order, versine),
+        faces=faces,
+    )
 
 
 def series_of_wave(wave: tuple[Any, Any]) -> tuple[Any, Any]:

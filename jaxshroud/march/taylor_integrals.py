@@ -45,7 +45,7 @@ class OfBlade(NamedTuple):
     def motion(self) -> Motion:
         """The motion per radian as series."""
         x, y, theta = map(polynomial, self[:3])
-        return Motion(x, y, theta, *map(rate_of, (x, y, theta)))
+        return Motion(x=x, y=y, theta=theta, v_x=rate_of(x), v_y=rate_of(y), v_theta=rate_of(theta))
 
 
 class TrialSpan(NamedTuple):

@@ -190,7 +190,7 @@ def _trial_and_series(
         (own, blades), (faces, contact, events, constants) = of_blades, of_faces
         return read_off(span, own, faces, contact, events, whole_row(blades, constants), method)
 
-    own = OfBlade(*expansion[:-1])
+    own = OfBlade(x=expansion.x, y=expansion.y, theta=expansion.theta, sine=expansion.sine, versine=expansion.versine)
     wave = wave_at(lane.step, lane.search.done, fixed.grid, each)
     span = TrialSpan(s, seconds_per_radian(fixed), wave)
     of_faces = expansion.faces, contact, events, faces_of(model)
@@ -258,7 +258,7 @@ def _largest_terms(expansion: TaylorExpansion, fixed: Fixed[RowModel], order: in
 
     lever = fixed.model.interfaces.block.a_x[0]
     terms = over(each, of_blade, *expansion[:3], lever)
-    return LargestTerms(*(greatest(a) for a in terms))
+    return LargestTerms(speed=greatest(terms.speed), last=greatest(terms.last), before=greatest(terms.before))
 
 
 def _shortest_return(faces: FaceSeries, each: Each) -> OfLanes | None:

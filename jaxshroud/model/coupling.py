@@ -170,5 +170,8 @@ def couplings_of_pairs(row: Scene) -> tuple[Coupling, Aero]:
         return jnp.broadcast_to(a, (row.layout.interfaces,))
 
     flow = [L for name in ("L0", "L1", "L_1") if (L := row.aero.coefficient(name)) is not None]
-    bound = [at_interfaces(summed(map(jnp.abs, parts))) for parts in zip(*flow, strict=True)]
-    return jax.tree.map(lambda k: 2 * at_interfaces(k), row.coupling), Aero(*bound)
+    bound = Aero()
+    if flow:
+        re, im = (at_interfaces(summed(map(jnp.abs, parts))) for parts in zip(*flow, strict=True))
+        bound = Aero(L0_re=re, L0_im=im)
+    return jax.tree.map(lambda k: 2 * at_interfaces(k), row.coupling), bound

@@ -103,7 +103,7 @@ def _steady_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Amplitudes:
         unbounded = jnp.where(load.size == 0, 0.0, jnp.inf)
         return jnp.where(is_undamped, unbounded, force / jnp.where(is_undamped, 1.0, stiffness))
 
-    return Amplitudes(*(response(name, *own) for name, own in b.oscillators.items()))
+    return Amplitudes(**{name: response(name, *own) for name, own in b.oscillators.items()})
 
 
 def free_reach(free: dict[int, Amplitudes], name: str) -> Any:

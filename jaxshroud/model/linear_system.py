@@ -33,11 +33,14 @@ class LinearSystem(NamedTuple):
 
 def free_system(scene: Scene) -> LinearSystem:
     """The blades at the scene's speed with their mistuning, and what couples them beside contact."""
-    modes, shroud = scene.mode_numbers, shroud_map(scene)
+    modes = scene.mode_numbers
+    shroud = shroud_map(scene)
     if modes is None:
         mass, damping, stiffness = zip(*scene.mistuned_blades.oscillators.values(), strict=True)
     else:
-        mass, damping, stiffness = [a * 0 + 1 for a in modes.stiffness], modes.damping, modes.stiffness
+        mass = [a * 0 + 1 for a in modes.stiffness]
+        damping = modes.damping
+        stiffness = modes.stiffness
     xp = stiffness[0].__array_namespace__()
     mass, damping, stiffness = (xp.concatenate(a, axis=-1) for a in (mass, damping, stiffness))
 

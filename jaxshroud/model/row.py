@@ -163,7 +163,8 @@ def _row_of_pair(model: Model, scene: Scene) -> RowModel:
     modes = scene.mode_numbers
     blades, inverse = model.blades, model.mobility.inverse
     if modes is not None:
-        blades, inverse = pair_by_modes(as_pairs(modal_blades_of(modes, scene.parts)), scene.parts), None
+        blades = pair_by_modes(as_pairs(modal_blades_of(modes, scene.parts)), scene.parts)
+        inverse = None
     return RowModel(
         blades=along_blades(blades),
         drive=along_blades(model.drive),

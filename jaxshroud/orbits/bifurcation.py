@@ -195,7 +195,8 @@ def locate_point(
         if abs(f) <= MULTIPLIER_TOLERANCE or b - a < 1e-13:
             break
         side = 0 if f * f_a > 0 else 1
-        ends[side], weights = (s, f, point.value), [1.0, 0.5] if side == 0 else [0.5, 1.0]
+        ends[side] = (s, f, point.value)
+        weights = [1.0, 0.5] if side == 0 else [0.5, 1.0]
     point, miss = best
     if failures:
         (_, f_a, v_a), (_, f_b, v_b) = ends

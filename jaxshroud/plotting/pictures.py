@@ -170,7 +170,8 @@ def _draw_both(panel: Panel, other: Panel, behind: object, ax: Axes, content: ob
     for container in ax.containers:
         container.set_label("_")
     labels = _axis_labels(ax)
-    x, y = ax.get_xlim(), ax.get_ylim()
+    x = ax.get_xlim()
+    y = ax.get_ylim()
     ax.set_autoscale_on(True)
     panel.draw(ax, content)
     if labels != _axis_labels(ax):

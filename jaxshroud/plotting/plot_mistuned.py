@@ -36,7 +36,8 @@ from jaxshroud.signals.waves import whitehead_factor
 PERCENT = 100.0
 SPREAD = 0.28  # half width of the patterns of one sigma, in distances of the groups
 BOUND_STYLE: Properties = {"color": INK, "lw": 0.8, "ls": (0, (4, 2))}
-QUANTILE_MARKERS, QUANTILE_DISTANCE = "vo^", 0.06
+QUANTILE_MARKERS = "vo^"
+QUANTILE_DISTANCE = 0.06
 MANY_PATTERNS = 60  # beyond which their points are small
 LEAST_SHARE = 0.2  # of the height up to Whitehead's factor that patterns take if its line is drawn
 ROOM_FOR_WORDS = 1.4  # height of the axis over that of the patterns where it is not

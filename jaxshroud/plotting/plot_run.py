@@ -268,7 +268,8 @@ def draw_poincare(panel: Axes, run: RunData) -> None:
     """The points of the orbit at the ends of periods, on axes at least a quarter as long as the orbit."""
     if not run.ends.any():
         raise InputError("No end of a period is among the samples after the transient; keep a divisor of the steps.")
-    x, v = (run.x[:, 0], run.v)
+    x = run.x[:, 0]
+    v = run.v
     few = run.ends.sum() < 200
     panel.plot(x[run.ends], v[run.ends], "o", color=INK, ms=2.2 if few else 0.9, mew=0, rasterized=True)
     lengths = [axis_limits(a[run.ends], np.ptp(a[run.settled]) / 4) for a in (x, v)]

@@ -57,17 +57,17 @@ class Attractors(Result):
     """The attractors that starts lead to, in the order of their period, then of P_d from the largest; aperiodic last.
 
     Both `attractors` and `basins` order them so, whatever the shares: where both find the same motions, a letter names
-    the same one. The motions of a row are in the order of their shares, the most frequent first.
+    the same one.
 
     The `kind` of an attractor is 0 for a periodic orbit, 1 for a family of orbits that differ in the place of a slider
     that never slips (permanent stick keeps the slider wherever it is, so the family counts as one attractor), and 2
     for aperiodic motion.
 
-    The motions of a row, which a report finds, are told apart by their Poincaré points over the kept periods: no
-    orbit is closed, and nothing is said of their stability but that runs stay on them. In a ring the copies of a motion
-    that begin at another blade are motions of their own.
+    A report tells the motions of a row apart by their Poincaré points over the kept periods: no orbit is closed,
+    nothing is said of their stability except that runs stay on them, and they are in the order of their shares. In a
+    ring the copies of a motion that begin at another blade are motions of their own.
 
-    The panels of its picture are "orbits", "shares" and "P_d", of a row "amplitudes".
+    The panels of its picture are "orbits", "shares" and "P_d", of the motions in a report of a row "amplitudes".
     """
 
     stored_as = "attractors"

@@ -222,7 +222,8 @@ class Campbell(Result):
             "coordinate": [*COORDINATES],
         }
         if lines is not None:
-            values["frequency_at_speed"], coords["rotor_speed"] = np.array(lines.frequencies), [*lines.speeds]
+            values["frequency_at_speed"] = np.array(lines.frequencies)
+            coords["rotor_speed"] = [*lines.speeds]
         return cls.from_values(values, coords=coords)
 
     def summary(self) -> dict[str, JSONValue]:

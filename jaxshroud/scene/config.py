@@ -44,9 +44,12 @@ def load(source: str | os.PathLike, overrides: Sequence[str] = ()) -> SceneFile:
     Raises:
         SceneError: The file or an override is invalid; the message is one line with the place and the cure.
     """
-    path, name = Path(source), os.fspath(source)
+    path = Path(source)
+    name = os.fspath(source)
     if not os.path.isfile(path):
-        paths, alias_names, stem = shipped_paths(), aliases(), name.removesuffix(".toml")
+        paths = shipped_paths()
+        alias_names = aliases()
+        stem = name.removesuffix(".toml")
         if alias_names.get(stem, stem) not in paths:
             stem_given = path.name.removesuffix(".toml")
             cure = did_you_mean(stem_given, [*paths, *alias_names]) or hint(stem_given, [*paths])

@@ -26,7 +26,8 @@ def read_csv_text(path: Path, example: str) -> str:
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; give {example}") from None
     except (OSError, ValueError) as error:  # ValueError: the path holds a NUL byte
-        name, reason = str(path).replace("\0", "\\0"), getattr(error, "strerror", None) or error
+        name = str(path).replace("\0", "\\0")
+        reason = getattr(error, "strerror", None) or error
         raise InputError(f"{name}: cannot be read ({reason}); give {example}") from None
     if content.startswith(UTF16_MARKS):
         raise InputError(f"{path}: is text in UTF-16; {AS_UTF8}")
@@ -92,7 +93,8 @@ def read_csv(path: Path) -> CsvTable:
         raise InputError(f"{path}: has no designs; it needs a line of heads, then a line for each")
     if (columns := max(map(len, lines))) > COLUMN_LIMIT:
         raise InputError(f"{path}: has {columns} columns; a table may have at most {COLUMN_LIMIT}")
-    heads, rows = _heads(path, lines), lines[1:]
+    heads = _heads(path, lines)
+    rows = lines[1:]
     faults = {i: _fault(row, heads, separator) for i, row in enumerate(rows) if len(row) != len(heads)}
     heads = _with_surplus(heads, max(map(len, rows)))
     padded = [[*row, *[""] * (len(heads) - len(row))] for row in rows]

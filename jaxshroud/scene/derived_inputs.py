@@ -150,7 +150,8 @@ def inputs_by_key(layout: Layout) -> Mapping[str, DerivedInput]:
 
 def inputs_that_count(given: Numbers, layout: Layout, numbers: Container[str]) -> dict[str, Any]:
     """The inputs without those that give nothing, such as a speed without an engine order."""
-    by_key, tells_speed = inputs_by_key(layout), needed_order(numbers, given)
+    by_key = inputs_by_key(layout)
+    tells_speed = needed_order(numbers, given)
 
     def counts(key):
         return key not in by_key or by_key[key].counts(given) or key in tells_speed
@@ -207,7 +208,8 @@ def check_known(key: str, given: Collection[str], where: str = "", layout: Layou
         return
     where = f"{where}: " if where else ""
     if missing := [name for name in derived.marks if name not in (*given, number.name)]:
-        both, name = " and ".join(derived.marks), number.name
+        both = " and ".join(derived.marks)
+        name = number.name
         raise KeyNameError(
             f"{where}the scene gives no {missing[0]}, which {name} needs; give {both} in its file or with --set, "
             f"or name {derived.number.name}"
@@ -243,7 +245,8 @@ def in_tables(numbers: Mapping[str, Any], given: Mapping[str, Any], layout: Layo
 
 def worked_out(numbers: Numbers, given: Numbers, changed: set[str], layout: Layout = PAIR) -> dict[str, Any]:
     """The numbers that are worked out from others of which some have `changed`, in turn."""
-    numbers, results = dict(numbers), {}
+    numbers = dict(numbers)
+    results = {}
     for derived in inputs_in(layout):
         depends_on = {*derived.marks, *derived.needed(numbers)}
         if derived.counts(given) and depends_on & (changed | set(results)):
@@ -253,7 +256,8 @@ def worked_out(numbers: Numbers, given: Numbers, changed: set[str], layout: Layo
 
 def consistent(numbers: Numbers, given: Numbers, layout: Layout = PAIR) -> dict[str, Any]:
     """The inputs that give the numbers, to rounding: others were replaced in the scene without `vary`."""
-    kept, by_key = dict(given), inputs_by_key(layout)
+    kept = dict(given)
+    by_key = inputs_by_key(layout)
     for derived in inputs_in(layout):
         if not derived.counts(given):
             continue

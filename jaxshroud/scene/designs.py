@@ -130,7 +130,8 @@ def _engine_order(scene: Scene) -> Any:
 
 def _full_head(head: str, column: Any) -> str:
     """The head with the unit that a variable of xarray has as attribute, in place of none."""
-    unit, match = getattr(column, "attrs", {}).get("units"), HEAD.fullmatch(head)
+    unit = getattr(column, "attrs", {}).get("units")
+    match = HEAD.fullmatch(head)
     if not unit or match is None or match["unit"] is not None or key_stem(match["key"]) not in ALL_KEYS:
         return head
     key = ALL_KEYS[key_stem(match["key"])]

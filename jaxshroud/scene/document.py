@@ -47,7 +47,8 @@ def resolve_derived_inputs(
 
     for derived in inputs_in(layout):
         table, number = derived.number.parts
-        rows, own = document.get(table), [key for key in derived.keys if inputs_by_key(layout)[key.name] is derived]
+        rows = document.get(table)
+        own = [key for key in derived.keys if inputs_by_key(layout)[key.name] is derived]
         if isinstance(rows, dict) and _is_given(derived, own, rows):
             values = _given_by(derived, own, rows, "--set" if is_set(derived.keys) else name, layout)
             needed = [_required_values(document, needs, layout) for needs in derived.needs]
@@ -79,7 +80,8 @@ def _order_beside_frequency(
     document: Document, name: str, overridden: Collection[tuple[str, str]], layout: Layout
 ) -> GivenValues:
     """The engine order of a pair beside its frequency, which is only given where something depends on the speed."""
-    drive, key = document.get("drive"), ALL_KEYS[ORDER]
+    drive = document.get("drive")
+    key = ALL_KEYS[ORDER]
     if layout != PAIR or not isinstance(drive, dict) or not depends_on_speed(keys_in(document)):
         return {}
     if "engine_order" not in drive or "speed" in drive or not {"omega", "f"} & set(drive):
@@ -99,7 +101,8 @@ def _is_given(derived: DerivedInput, own: Collection[Key], rows: Document) -> bo
 
 def _given_by(derived: DerivedInput, own: Sequence[Key], rows: Document, where: str, layout: Layout) -> list[Values]:
     """The values of the keys of an input, of which its `own` give nothing else."""
-    names, (table, number) = [key.parts[1] for key in derived.keys], derived.number.parts
+    names = [key.parts[1] for key in derived.keys]
+    table, number = derived.number.parts
     missing = [key for key in names if key not in rows]
     if missing:
         present = next(key.parts[1] for key in own if key.parts[1] in rows)
@@ -143,7 +146,8 @@ def _required_values(document: Document, key: Key, layout: Layout) -> Values | N
     table, entry = key.parts
     rows = document.get(table)
     if entry == "m_y" and isinstance(rows, dict) and rows.get("m_y") is None:
-        key, entry = KEYS["blades.m"], "m"
+        key = KEYS["blades.m"]
+        entry = "m"
     try:
         values = _adapter(key, layout).validate_python(rows.get(entry) if isinstance(rows, dict) else None)
     except ValidationError:

@@ -53,7 +53,8 @@ def coupling_is_of_its_layout(file: Any, layout: Layout) -> Any:
 
 def smooth_has_a_width(file: Any) -> Any:
     """The file, which gives a width for smooth contact and for no other."""
-    smooth, width = file.parts.contact == "smooth", file.contact.width
+    smooth = file.parts.contact == "smooth"
+    width = file.contact.width
     if smooth and width is None:
         raise ValueError('[contact] lacks `width`; add it for contact = "smooth", e.g. width = "0.1 um"')
     if smooth and file.contact.reading:

@@ -290,7 +290,8 @@ def number_shape(key: Key, layout: Layout = PAIR) -> tuple[int, ...]:
 def list_words(key: Key, layout: Layout) -> str:
     """What a list of a number of each blade or interface is called."""
     kind = "interface" if key.per_interface else "blade"
-    size, names = number_shape(key, layout)[0], ", ".join(layout.names)
+    size = number_shape(key, layout)[0]
+    names = ", ".join(layout.names)
     return f"a pair [{names}]" if layout == PAIR else f"a list of {size}, one for each {kind}"
 
 
@@ -356,7 +357,8 @@ def find_key(key: str, where: str = "", layout: Layout = PAIR) -> tuple[Key, int
 
 def _unknown_key(key: str, where: str, layout: Layout) -> KeyNameError:
     """The error for a key that names no number."""
-    key, known = " ".join(key.split()), key_names(layout)
+    key = " ".join(key.split())
+    known = key_names(layout)
     fault = f"{_place(where)}the scene has no number `{key}`"
     if key_stem(without_row(key)) in ROW_KEYS:
         return KeyNameError(f"{fault}, which is one of rows of blades; give it a [row]")

@@ -102,7 +102,8 @@ class DampedSpring(_Law):
 
     def __call__(self, v, v_t):
         """The normal force and the energy."""
-        deep, more = jnp.maximum(v - self.depth, 0.0), self.k_deep - self.k
+        deep = jnp.maximum(v - self.depth, 0.0)
+        more = self.k_deep - self.k
         return self.k * v + more * deep + self.c * v_t, (self.k * v * v + more * deep * deep) / 2
 
 

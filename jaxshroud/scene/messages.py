@@ -22,7 +22,8 @@ MISSING_TYPES = ("missing", NO_STIFFNESS)
 def problem_text(problem: ErrorDetails) -> str:
     """The description of a pydantic problem, with the message of our own validator if that raised it."""
     context = problem.get("ctx", {})
-    given, choices = problem["input"], re.findall(r"'(\w+)'", context.get("expected", ""))
+    given = problem["input"]
+    choices = re.findall(r"'(\w+)'", context.get("expected", ""))
     cure = did_you_mean(given, choices) if isinstance(given, str) else ""
     return str(context.get("error", re.sub(r"^\w+ should", "must", problem["msg"]))) + cure
 
@@ -86,7 +87,8 @@ def _of_key(table: str, name: str, first: ErrorDetails, document: Mapping[str, A
         return f"[{table}] has no key `{name}`{hint(name, keys)}"
     if first["type"] == "missing" and len(first["loc"]) == 2:
         return f"[{table}] lacks `{name}`; add it, e.g. {name} = {example(fields[name])}"
-    given, description = toml_text(document[table].get(name)), problem_text(first)
+    given = toml_text(document[table].get(name))
+    description = problem_text(first)
     return f"[{table}] {name} = {given} {description}, e.g. {name} = {example(fields[name])}"
 
 

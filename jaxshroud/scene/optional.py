@@ -47,7 +47,8 @@ class HarmonicForm(NamedTuple):
 
 def harmonic_forms(entries: Iterable[str]) -> tuple[HarmonicForm, ...]:
     """How the entries of a table `drive` give each harmonic."""
-    entries, forms = set(entries), []
+    entries = set(entries)
+    forms = []
     for i in range(harmonic_count(entries)):
         is_complex = any(f"harmonic[{i}].{name}" in entries for name in COMPLEX_KEYS)
         order = "engine_order" if f"harmonic[{i}].engine_order" in entries else "order"
@@ -94,7 +95,8 @@ def _absence(name: str, present: Collection[str]) -> str:
         return no_place(int(point["index"]), place_count(entries))
     if table == "blades":
         return _why_not_of_blades(name, entry, list_length(entries, MODE_ENTRY))
-    match, count = HARMONIC_ENTRY.fullmatch(entry), harmonic_count(entries)
+    match = HARMONIC_ENTRY.fullmatch(entry)
+    count = harmonic_count(entries)
     if table != "drive":
         return ""
     if match is not None and int(match["index"]) >= count:

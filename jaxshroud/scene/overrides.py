@@ -88,10 +88,13 @@ def row_table_of(document: dict[str, Any]) -> RowTable | None:
 
 def override(document: dict[str, Any], text: str, file: str) -> tuple[str, str]:
     """Set one key of the `document` of a `file` in place; its table and name are returned."""
-    match, row = OVERRIDE.fullmatch(without_row(text)), row_table_of(document)
+    match = OVERRIDE.fullmatch(without_row(text))
+    row = row_table_of(document)
     if match is None:
         fail("--set", f"{toml_text(text)} is not table.key=value, e.g. --set contact.gamma=3")
-    table, name, value = match[1], match[2], literal(match[4])
+    table = match[1]
+    name = match[2]
+    value = literal(match[4])
     rows = document.setdefault(table, {})
     if not isinstance(rows, dict):
         return "", ""  # an error of the file, which is reported later
@@ -110,7 +113,8 @@ def override(document: dict[str, Any], text: str, file: str) -> tuple[str, str]:
     if (point := POINT_ENTRY.fullmatch(name)) and table == "contact":
         _set_place(rows, int(point["index"]), value)
         return table, "points"
-    others, present = alternative_keys(f"{table}.{name}", layout_with(row)), keys_in(document)
+    others = alternative_keys(f"{table}.{name}", layout_with(row))
+    present = keys_in(document)
     require_phases_of_order(f"{table}.{name}", others, present, "--set")
     others = replaced_by(f"{table}.{name}", others, present)
     if ORDER in others:
@@ -143,8 +147,10 @@ def _list_with(
     document: dict[str, Any], key: str, index: int, value: Any, row: RowTable | None, file: str
 ) -> list[Any] | None:
     """The list of a key with the value of one blade or interface replaced; None where the file has an error."""
-    layout, present = layout_with(row), keys_in(document)
-    size, old = _list_length(key, index, layout), _old_value(document, key, row, file)
+    layout = layout_with(row)
+    present = keys_in(document)
+    size = _list_length(key, index, layout)
+    old = _old_value(document, key, row, file)
     if old is None and key in ALL_KEYS:
         check_known(f"{key}[{index}]", present, "--set", layout)
         require_own_stiffness(key, index, present, "--set")
@@ -269,7 +275,8 @@ def _values_in_range(where: str, scene_file: SceneFile, row: Key, given: list[An
     values = [literal(v) if isinstance(v, str) else v for v in given]
     if any(isinstance(v, list | dict) or v is None for v in values):
         fail(where, f"{toml_text(values)} must be one number per value")
-    adapter, points = TypeAdapter(number_type(row)), []
+    adapter = TypeAdapter(number_type(row))
+    points = []
     for value in values:
         try:
             points.append(adapter.validate_python(value))

@@ -91,7 +91,8 @@ def check_places(lengths: Iterable[Any], l_ab: Any) -> None:
             raise InputError(f"contact.{place_entry(m)} must be a finite number, but is {one[~np.isfinite(one)][0]}.")
         beyond = ~np.asarray(_is_on_face(one, length))
         if beyond.any():
-            reach, end = float(abs(one[beyond][0])), float(length[beyond][0]) / 2
+            reach = float(abs(one[beyond][0]))
+            end = float(length[beyond][0]) / 2
             raise InputError(
                 f"[contact] points has a place {digits_apart(reach, end)} m from the middle of the face, beyond its "
                 f"end at {end:g} m."

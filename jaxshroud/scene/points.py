@@ -41,11 +41,13 @@ class ContactPoints(eqx.Module):
 
     def __init__(self, places: Any, shares: Any = None):
         self.scale_with_face = np.ndim(places) == 0
-        own, shares = evenly_spaced(places) if self.scale_with_face else places, shares_of(places, shares)
+        own = evenly_spaced(places) if self.scale_with_face else places
+        shares = shares_of(places, shares)
         check_number_of_points(len(own))
         if not is_traced(shares):
             check_shares(np.asarray(shares, float), len(own))
-        self.places, self.shares = tuple(jnp.asarray(place, float) for place in own), jnp.asarray(shares, float)
+        self.places = tuple(jnp.asarray(place, float) for place in own)
+        self.shares = jnp.asarray(shares, float)
 
     @property
     def number(self) -> int:

@@ -66,7 +66,8 @@ def renamed_numbers(
         check_known(key, given, layout=layout)
         require_number(number.name, numbers)
         is_input = number.name in DERIVED_BY_KEY
-        holder, xp = given if is_input else numbers, value.__array_namespace__()
+        holder = given if is_input else numbers
+        xp = value.__array_namespace__()
         own = number_shape(number, layout)
         if index is not None:
             value = xp.where(np.arange(*own) == index, value[..., None], _all_of(number, index, holder, numbers))
@@ -104,7 +105,8 @@ def replaced_tables(
         given: The inputs from which numbers were worked out.
         values: Key -> number or pair in SI units.
     """
-    layout, entries = layout_of(tables), _entries_of(tables)
+    layout = layout_of(tables)
+    entries = _entries_of(tables)
     numbers = {key: _as_array(key, value, layout) for key, value in entries.items() if key in ALL_KEYS}
     inputs = {key: None if value is None else _as_array(key, value, layout) for key, value in given.items()}
     arrays = {key: np.asarray(v, float) for key, v in values.items()}

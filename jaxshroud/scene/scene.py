@@ -136,7 +136,9 @@ class Row(eqx.Module):
         word_argument("sector", sector, Sector)
         if sector != "whole" and not closed:
             raise InputError(SECTOR_OF_CHAIN)
-        self.blades, self.closed, self.sector = blades, bool(closed), sector
+        self.blades = blades
+        self.closed = bool(closed)
+        self.sector = sector
         check_number(ROW_KEYS["row.mistuning"], mistuning, self.layout)
         self.mistuning = jnp.full(blades, mistuning, float) if np.ndim(mistuning) == 0 else per_blade(mistuning)
 

@@ -92,7 +92,8 @@ def number_type(number: Key) -> Any:
 
 def numbers_type(number: Key, layout: Layout) -> Any:
     """The pydantic type of what a file gives for a key: one number, or one for each blade or interface."""
-    one, shape = number_type(number), number_shape(number, layout)
+    one = number_type(number)
+    shape = number_shape(number, layout)
     if not shape:
         return one
     many = Annotated[tuple[one, ...], BeforeValidator(partial(_as_list, shape[0], list_words(number, layout)))]

@@ -64,7 +64,8 @@ def smallest_ring(scene: Scene) -> tuple[Scene, int]:
 
     It is for motions that depend on no start: those in closed form.
     """
-    blades, n = scene.layout.blades, sector_blades(scene)
+    blades = scene.layout.blades
+    n = sector_blades(scene)
     return (whole_ring(scene), 1) if n == blades else (smaller_ring(scene, n), blades // n)
 
 

@@ -23,13 +23,15 @@ START_ENTRIES = ("start", "friction")  # of the table `initial`, beside its numb
 def scene_of(tables: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]) -> Scene:
     """The scene from tables of plain SI numbers, as in a file, and the inputs from which some were worked out."""
     row = Row(**tables["row"]) if "row" in tables else None
-    layout, parts = layout_with(row), tables["parts"]
+    layout = layout_with(row)
+    parts = tables["parts"]
     given = {key: _for_layout(key, value, layout) for key, value in given.items()}
     tables = {
         table: {name: _for_layout(f"{table}.{name}", value, layout) for name, value in entries.items()}
         for table, entries in tables.items()
     }
-    blades, motion = _blades_of(tables["blades"]), tuple(parts["motion"])
+    blades = _blades_of(tables["blades"])
+    motion = tuple(parts["motion"])
     if isinstance(blades, ModalBlades):
         motion = blades.motion_of(motion)
     return Scene(

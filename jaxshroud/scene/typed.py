@@ -71,7 +71,8 @@ def type_check(annotation: Any) -> TypeCheck:
     """The check for an annotation."""
     if annotation in TYPE_CHECKS or isinstance(annotation, str):
         return TYPE_CHECKS.get(annotation, TYPE_CHECKS[Any])
-    origin, inner = get_origin(annotation) or annotation, get_args(annotation)
+    origin = get_origin(annotation) or annotation
+    inner = get_args(annotation)
     if origin in (Union, UnionType):
         if complex in inner:  # array-like in JAX and NumPy
             return TypeCheck("numbers", are_numbers)

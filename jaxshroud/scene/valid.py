@@ -64,7 +64,8 @@ def _check_is_number(key: Key, value: Any) -> None:
 
 def check_shape(key: Key, value: Any, layout: Layout) -> None:
     """Raise SceneError unless the last axis of a number per blade or interface is that of the layout."""
-    shape, own = np.shape(value), number_shape(key, layout)
+    shape = np.shape(value)
+    own = number_shape(key, layout)
     if not own or shape[-1:] == own:
         return
     _fail_range(key, f"{key.name} must be one number or {list_words(key, layout)}, but its shape is {shape}")
@@ -82,7 +83,8 @@ def check_values(row: Key, values: NDArray[Any], name: str) -> None:
     good = row.range.holds(values)
     if not good.all():
         at = tuple(np.argwhere(~good)[0])
-        value, place = float(values[at]), name.format(", ".join(map(str, at)))
+        value = float(values[at])
+        place = name.format(", ".join(map(str, at)))
         _fail_range(row, f"{place} = {str(value).removesuffix('.0')} {row.range.fault(value)}")
 
 

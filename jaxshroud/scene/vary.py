@@ -106,8 +106,10 @@ def replaced(scene: Scene, values: Mapping[str, Any]) -> Scene:
     """
     if scene.start != "motion" and (of_motion := [key for key in values if key.startswith("initial.")]):
         raise KeyNameError(f"the scene has a static start and no {of_motion[0]}; drop initial.start to give one")
-    lanes, dtype = np.shape(scene.drive.omega), scene.drive.omega.dtype
-    numbers, given = fields_of(scene), given_of(scene)
+    lanes = np.shape(scene.drive.omega)
+    dtype = scene.drive.omega.dtype
+    numbers = fields_of(scene)
+    given = given_of(scene)
     if is_traced((scene, values)):
         values = {key: jnp.asarray(value, dtype) for key, value in values.items()}
     else:
@@ -125,7 +127,8 @@ def replaced(scene: Scene, values: Mapping[str, Any]) -> Scene:
 
 def expressed_by(scene: Scene, values: Mapping[str, Any]) -> Scene:
     """The same scene, given by these of its numbers or inputs (key -> value), from which nothing is worked out."""
-    numbers, given = fields_of(scene), given_of(scene)
+    numbers = fields_of(scene)
+    given = given_of(scene)
     renamed = renamed_numbers(numbers, given, values, np.shape(scene.drive.omega), scene.layout)
     return _with_leaves(scene, (numbers, given), renamed)
 
@@ -184,7 +187,8 @@ def _input_of(scene: Scene, name: str) -> Any:
     Raises:
         KeyNameError: The number does not determine it.
     """
-    derived, given = inputs_by_key(scene.layout)[name], given_of(scene)
+    derived = inputs_by_key(scene.layout)[name]
+    given = given_of(scene)
     if derived.counts(given):
         return given[name]
     check_known(name, given, layout=scene.layout)
@@ -272,7 +276,9 @@ def numbers_that_count(scene: Scene) -> tuple[str, ...]:
     only sets the origin of time, and an engine order, which acts as the speed does. Inputs stand for the numbers that
     are worked out from them. Numbers that differ between the blades, or the interfaces of a row, have one key each.
     """
-    parts, layout, keys = scene.parts, scene.layout, []
+    parts = scene.parts
+    layout = scene.layout
+    keys = []
     derived = {one.number.name: one for one in inputs_in(layout) if one.counts(given_of(scene))}
     unused = _UNUSED["initial"] | {"contact.k" if scene.contact.k is None else "contact.gamma", "drive.phase"}
     unused |= set() if "y" in parts.motion else _UNUSED["y"]
@@ -285,7 +291,8 @@ def numbers_that_count(scene: Scene) -> tuple[str, ...]:
         if number in derived and not derived[number].keys:
             continue
         key = derived[number].keys[-1].name if number in derived else number
-        values, shape = np.asarray(_named_number(scene, key)), number_shape(ALL_KEYS[key], layout)
+        values = np.asarray(_named_number(scene, key))
+        shape = number_shape(ALL_KEYS[key], layout)
         differ = bool(shape) and bool(np.any(values[..., :1] != values))
         moving = 1 if parts.neighbour == "rigid" else math.prod(shape)
         keys += [f"{key}[{i}]" for i in range(moving)] if differ else [key]

@@ -98,7 +98,8 @@ def equivalent_values(
 def linear_blades(scenes: Scene, i: int) -> LinearBlades:
     """The blades of one of many scenes (leading axis)."""
     scene = jax.tree.map(lambda a: np.asarray(a, float)[i], scenes)
-    loads, alpha = scene.drive.harmonics(), float(scene.shroud.alpha)
+    loads = scene.drive.harmonics()
+    alpha = float(scene.shroud.alpha)
     return LinearBlades(
         free=free_system(scene),
         moves=moving_coordinates(scene),
@@ -234,10 +235,12 @@ def joined_displacements(blades: LinearBlades, stiffness: np.ndarray) -> Complex
 
     An undefined spring, NaN, is left out; without any there is no motion to describe.
     """
-    known, q = np.isfinite(stiffness), np.zeros(6, complex)
+    known = np.isfinite(stiffness)
+    q = np.zeros(6, complex)
     if not known.any():
         return q + np.nan
-    Z, opposed = blades.dynamic_stiffness, np.array([[1, -1], [-1, 1]])
+    Z = blades.dynamic_stiffness
+    opposed = np.array([[1, -1], [-1, 1]])
     Z[:IN_PLANE, :IN_PLANE] += np.kron(blades.axes.T @ np.diag(np.where(known, stiffness, 0.0)) @ blades.axes, opposed)
     moves = np.flatnonzero(blades.moves[:IN_PLANE])
     q[moves] = solutions(Z[np.ix_(moves, moves)], blades.drive[moves])

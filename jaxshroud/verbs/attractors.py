@@ -1,7 +1,4 @@
-"""The motions that coexist in one scene, from random starts, and their basins in a plane of starts.
-
-Those of a row are told apart by their points at the strobe.
-"""
+"""The motions that coexist in one scene, from random starts, and their basins in a plane of starts."""
 
 from collections.abc import Mapping, Sequence
 

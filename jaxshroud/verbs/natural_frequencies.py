@@ -193,7 +193,11 @@ def flow_modes(blades: LinearSystem, flow: FloatArray, closed: bool) -> tuple[Fl
         damping ratio is the rest that the dampers do not give.
     """
     x = slice(len(flow))
-    row = LinearSystem(*(np.asarray(a[x] if a.ndim == 1 else a[x, x], float) for a in blades))
+    row = LinearSystem(
+        mass=np.asarray(blades.mass[x], float),
+        damping=np.asarray(blades.damping[x, x], float),
+        stiffness=np.asarray(blades.stiffness[x, x], float),
+    )
     own_damping = row.damping - flow
     if not closed or not all(map(_is_circulant, (np.diag(row.mass), *row[1:]))):
         return _decays(row, own_damping, None)

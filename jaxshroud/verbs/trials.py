@@ -100,7 +100,9 @@ def choose(
     spent = 0
     is_lumped = isinstance(lanes.blades, Blades)
     has_table = lanes.row is None and lanes.contact.points is None and is_lumped
-    candidates, in_table = _candidates(lanes, level) if has_table else (_two_settings(lanes, level), False)
+    candidates, in_table = (
+        _candidates(lanes, level) if has_table else (_two_settings(lanes, level, *frequency_and_period), False)
+    )
     first = Choice(level, candidates[0], candidates[0].steps(*frequency_and_period), in_table or None)
     if in_table and not lane_periods:
         return first
@@ -150,10 +152,9 @@ def _candidates(lanes: Scene, accuracy: float) -> tuple[list[Setting], bool]:
     return list(dict.fromkeys([*found, *finer])), bool(sufficient)
 
 
-def _two_settings(lanes: Scene, accuracy: float) -> list[Setting]:
+def _two_settings(lanes: Scene, accuracy: float, omega_max: float, period: float) -> list[Setting]:
     """The settings of rows and of faces of points: by the stiffness of the lanes, and the same with half the step."""
     name = "tsit5" if accuracy >= COARSE_ACCURACY else "dopri8"
-    omega_max, period = stiffest(lanes, 1)
     product = omega_max * period / steps_for(lanes, 1, "auto", tableau(name))
     setting = Setting(name, "cubic", "float64", product, flat_return=flat_return_for(accuracy))
     return [setting, setting.finer(1)]
