@@ -44,8 +44,9 @@ from jaxshroud.march.event import (
     any_of,
     next_mode,
 )
-from jaxshroud.march.point_events import POINT_EVENTS
+from jaxshroud.march.point_events import LIFT_AT, POINT_EVENTS, RUB_AT
 from jaxshroud.model.arithmetic import ZERO, Scalar, where
+from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.drive import Waves
 from jaxshroud.model.geometry import (
     Kinematics,
@@ -151,7 +152,12 @@ BUILT_IN_EVENTS = (*EVENTS, *POINT_EVENTS)
 
 def number_of(event: Event) -> int:
     """The number of a built-in event."""
-    return EVENTS.index(event)
+    return BUILT_IN_EVENTS.index(event)
+
+
+def events_at_points(law: ContactLaw) -> list[tuple[Event, Event]]:
+    """For each point of contact of an interface: that contact begins or ends there, and that it sticks or slips."""
+    return [*zip(LIFT_AT, RUB_AT, strict=True)][: len(law.of_points)] if law.has_points else [(LIFT, RUB)]
 
 
 def happens(kind: Int[Array, ""], *events: Event) -> Bool[Array, ""]:

@@ -14,13 +14,12 @@ from jaxshroud.march.locate import HermiteCubic
 from jaxshroud.march.observable import BladeTrial, InterfaceTrial
 from jaxshroud.march.taylor_events import TRIAL_PARTS, Coefficients
 from jaxshroud.model.arithmetic import Scalar, is_zero, where
-from jaxshroud.model.contact_law import LinearLaw
 from jaxshroud.model.geometry import contact_rates
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import law_forces
-from jaxshroud.model.series import Series, polynomial_value, polynomial_value_and_rate
+from jaxshroud.model.series import Series, coefficients, polynomial_value, polynomial_value_and_rate
 from jaxshroud.scene.keys import Motion
 
 
@@ -165,16 +164,16 @@ def _end_forces(z: Motion, state: State, model: Model) -> _EndForces:
 
 
 class ContactSeries(NamedTuple):
-    """The contact of both blades within a trial by power series."""
+    """The contact of both blades within a trial by power series, in radians from its start."""
 
-    v: Series  # penetration, in radians from the start of the trial, as is the next [m]
-    u: Series  # slide [m]
+    v: list[Series]  # penetration of each point of contact [m]
+    N: Any  # the sum of their normal forces [N]; absent without contact
+    F: Any  # that of their friction forces; absent without friction
+    apart: Bool[Array, ""]  # no point touches
+    onset: list[Bool[Array, ""]]  # the trial ends as contact begins, at this point
     unit: Scalar  # seconds per radian
     order: int  # of the polynomials
     end: Scalar  # the end of the trial [rad]
-    start: State
-    onset: Bool[Array, ""]  # the trial ends in an onset
-    law: LinearLaw
 
 
 class MotionSeries(NamedTuple):
@@ -186,17 +185,27 @@ class MotionSeries(NamedTuple):
 
 
 def deepest_penetration(inside: ContactSeries) -> Scalar:
-    """The largest penetration: at the end, or at the maximum of the cubic in between."""
-    v = inside.v.coefficients(inside.order - 1)
-    s = inside.end
-    end, rate = polynomial_value_and_rate(v, s)
-    top, there = cubic_maximum(HermiteCubic(v[0], end, v[1] * s, rate * s))
-    return where(there, jnp.maximum(end, polynomial_value(v, top * s)), end)
+    """The largest penetration of any point: at the end, or at the maximum of the cubic in between."""
+
+    def of_point(point: Series) -> Scalar:
+        v = point.coefficients(inside.order - 1)
+        s = inside.end
+        end, rate = polynomial_value_and_rate(v, s)
+        top, there = cubic_maximum(HermiteCubic(v[0], end, v[1] * s, rate * s))
+        return where(there, jnp.maximum(end, polynomial_value(v, top * s)), end)
+
+    return reduce(jnp.maximum, map(of_point, inside.v))
 
 
 def final_closing_speed(inside: ContactSeries) -> Scalar:
-    """The rate of the penetration at the end [m/s]."""
-    return polynomial_value_and_rate(inside.v.coefficients(inside.order - 1), inside.end)[1] / inside.unit
+    """The rate of the penetration of the deepest point at the end [m/s]."""
+    (deepest, speed), *others = (
+        polynomial_value_and_rate(v.coefficients(inside.order - 1), inside.end) for v in inside.v
+    )
+    for v, rate in others:
+        speed = where(v > deepest, rate, speed)
+        deepest = jnp.maximum(v, deepest)
+    return speed / inside.unit
 
 
 def midpoint_magnitudes(inside: MotionSeries) -> tuple[Any, Any, Any]:
@@ -238,31 +247,34 @@ def _polynomial_extent_of(c: Coefficients, s: Scalar) -> Extent:
 
 def taylor_peaks(inside: ContactSeries) -> ContactPeaks:
     """The largest forces [N]."""
-    state, law, order, s = inside.start, inside.law, inside.order, inside.end
-    N = law.normal_force(_polynomial_maximum(inside.v.coefficients(order - 1), s), state.mode)
-    if not law.has_stick:
+    s = inside.end
+    N = _polynomial_maximum(coefficients(inside.N, inside.order - 1), s)
+    if is_zero(inside.F):
         return ContactPeaks(N, jnp.zeros_like(N))
-    w = (inside.u - state.u_s).coefficients(order - 1)
-    size = jnp.maximum(_polynomial_maximum(w, s), _polynomial_maximum(_negated(w), s))
-    return ContactPeaks(N, law.largest_friction_force(size, N, state.mode))
+    F = coefficients(inside.F, inside.order - 1)
+    return ContactPeaks(N, jnp.maximum(_polynomial_maximum(F, s), _polynomial_maximum(_negated(F), s)))
 
 
 def taylor_extrema(inside: ContactSeries) -> StepExtrema:
     """The extremes of a trial, which may end in an onset."""
-    v = inside.v.coefficients(inside.order - 1)
     s = inside.end
-    apart = inside.start.mode == Mode.APART
-    rate = _derivative(v)
-    end = final_closing_speed(inside)
-    missed = jnp.full_like(end, jnp.inf)
-    for there, top in _polynomial_crests(v, s):
-        missed = where(there & apart & (top < 0), jnp.minimum(missed, -top), missed)
-    return StepExtrema(
-        v_max=where(apart, 0.0, _polynomial_maximum(v, s)),
-        fastest=jnp.maximum(_polynomial_maximum(rate, s), _polynomial_maximum(_negated(rate), s)) / inside.unit,
-        slowest_onset=where(inside.onset, end, jnp.inf),
-        nearest_miss=missed,
-    )
+    apart = inside.apart
+
+    def of_point(point: Series, onset: Bool[Array, ""]) -> StepExtrema:
+        v = point.coefficients(inside.order - 1)
+        rate = _derivative(v)
+        end = polynomial_value_and_rate(v, s)[1] / inside.unit
+        missed = jnp.full_like(end, jnp.inf)
+        for there, top in _polynomial_crests(v, s):
+            missed = where(there & apart & (top < 0), jnp.minimum(missed, -top), missed)
+        return StepExtrema(
+            v_max=where(apart, 0.0, _polynomial_maximum(v, s)),
+            fastest=jnp.maximum(_polynomial_maximum(rate, s), _polynomial_maximum(_negated(rate), s)) / inside.unit,
+            slowest_onset=where(onset, end, jnp.inf),
+            nearest_miss=missed,
+        )
+
+    return reduce(merged_extrema, map(of_point, inside.v, inside.onset))
 
 
 def merged_extrema(a: StepExtrema, b: StepExtrema) -> StepExtrema:

@@ -109,4 +109,6 @@ def _rub_at(m: int) -> Event:
     )
 
 
-POINT_EVENTS = (*map(_lift_at, range(MAX_POINTS)), *map(_rub_at, range(MAX_POINTS)))
+LIFT_AT = tuple(map(_lift_at, range(MAX_POINTS)))
+RUB_AT = tuple(map(_rub_at, range(MAX_POINTS)))
+POINT_EVENTS = (*LIFT_AT, *RUB_AT)

@@ -31,10 +31,10 @@ from jaxshroud.model.arithmetic import (
     times,
     where,
 )
-from jaxshroud.model.contact_law import linear_law
-from jaxshroud.model.geometry import rotation
+from jaxshroud.model.contact_law import linear_laws
+from jaxshroud.model.geometry import FaceKinematics, rotation
 from jaxshroud.model.modes import FLAT
-from jaxshroud.model.prepared import Model, State, has_torsion
+from jaxshroud.model.prepared import Model, State, touches_at_corners
 from jaxshroud.model.rhs import EndTorques, Placement, Recorded, placement, torques_along_face
 from jaxshroud.model.row import (
     Each,
@@ -54,14 +54,20 @@ from jaxshroud.scene.keys import Motion
 RADIANS_PER_TURN = 2 * math.pi
 
 
+class PointSeries(NamedTuple):
+    """A point of contact of one interface, or of all."""
+
+    v: Coefficients  # penetration [m]
+    rounding: Any  # bound of the rounding errors of v and u at the start of a trial [m]
+
+
 class FaceSeries(NamedTuple):
     """The contact of one interface, or of all: polynomials, and numbers at the start of a trial."""
 
-    v: Coefficients  # penetration [m]
+    points: tuple[PointSeries, ...]  # one where a corner touches
     u: Coefficients  # slide [m]
     turn: Coefficients  # guards of the case, negative while it lasts; absent where the blocks do not turn
     height: Coefficients
-    rounding: Any  # bound of the rounding errors of v and u [m]
     case: Any  # the current case; when apart, that of the position at the start
 
 
@@ -161,7 +167,8 @@ def per_radian(model: RowModel, unit: Scalar) -> RowModel:
 
     def forces(m: RowModel) -> list[Any]:
         springs = of_kind("k", m.blades, m.coupling)
-        return [*springs, *m.drive.loads, *flows(m, "k"), *linear_law(m.interfaces.law).stiffnesses]
+        contact = [k for law in linear_laws(m.interfaces.law) for k in law.stiffnesses]
+        return [*springs, *m.drive.loads, *flows(m, "k"), *contact]
 
     def dampers(m: RowModel) -> list[Any]:
         return [*of_kind("c", m.blades, m.coupling), *flows(m, "c")]
@@ -233,19 +240,19 @@ def _face_series(now: State, place: Placement, torque: Any, model: Model, order:
     """The polynomials of one interface; `torque` is the relative torque of its corner, if faces can be flat."""
     at = place.at
     turn, height = _switch_series(now, place, torque, model, order)
+    points = at.points if isinstance(at, FaceKinematics) else (at,)
     return FaceSeries(
-        v=coefficients(at.v, order - 1),
+        points=tuple(PointSeries(v=coefficients(own.v, order - 1), rounding=own.rounding) for own in points),
         u=coefficients(at.u, order - 1),
         turn=coefficients(turn, order),
         height=coefficients(height, order - 1),
-        rounding=at.rounding,
         case=now.case,
     )
 
 
 def _switch_series(now: State, place: Placement, torque: Any, model: Model, order: int) -> tuple[Any, Any]:
     """The guards of the case, beyond their rounding. When apart they only end a trial: the position sets the case."""
-    if not has_torsion(model):
+    if not touches_at_corners(model):
         return ZERO, ZERO
     at = place.at
     leans = EndTorques(ZERO, ZERO)

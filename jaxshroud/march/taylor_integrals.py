@@ -9,19 +9,20 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.polynomial.legendre import Legendre
 
-from jaxshroud.march.events import LIFT, happens
+from jaxshroud.march.events import events_at_points, happens
 from jaxshroud.march.extremes import ContactSeries, MotionSeries, deepest_penetration
 from jaxshroud.march.log import found_by_series
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import TOLERANCE_RANGE
 from jaxshroud.march.taylor_expansion import Coefficients, FaceSeries, per_radian, series_of_wave
-from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, total, where
+from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, summed, total, where
 from jaxshroud.model.blade import AnyBlade
-from jaxshroud.model.contact_law import ContactLoads, ContactPoint, linear_law
+from jaxshroud.model.contact_law import ContactLoads, ContactPoint, LinearLaw, linear_laws
 from jaxshroud.model.drive import Excitation
-from jaxshroud.model.geometry import ContactRates
+from jaxshroud.model.geometry import PointRates
 from jaxshroud.model.linear import StaticPosition
 from jaxshroud.model.modes import Mode
+from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import Integrals, Ledger, Means, Moments, blade_mean_square, blade_works
 from jaxshroud.model.row import RowModel, alone, coupling_losses, of_blades_that_count, over
@@ -91,7 +92,8 @@ def read_off(
     means = over(alone, lambda own: integrated_means(own, order, span), counted) if recorded.means else None
 
     def of_face(own: FaceSeries, contact: State, model: Model) -> ContactLoads:
-        return integrated_loads(own, span, contact, model)
+        of_points = [integrated_loads(point, order, span) for point in sliding_points(own, contact, model)]
+        return model.law.loads_of_interface(of_points)
 
     loads = over(alone, of_face, faces, contact, model.interfaces) if recorded.loads else None
 
@@ -109,10 +111,20 @@ def read_off(
 
     def at_face(own: FaceSeries, contact: State, events: tuple[Any, Any], model: Model) -> Any:
         fire, kind = events
-        onset = (contact.mode == Mode.APART) & fire & happens(kind, LIFT)
-        v, u = polynomial(own.v), polynomial(own.u)
-        law = linear_law(model.law)
-        inside = ContactSeries(v, u, span.unit, order, span.end, contact, onset, law)
+        apart = interface_mode(contact.mode) == Mode.APART
+        points = sliding_points(own, contact, model)
+        begins = [apart & fire & happens(kind, lift) for lift, _ in events_at_points(model.law)]
+        forces = [point.law.forces(point.contact) for point in points]
+        inside = ContactSeries(
+            v=[point.contact.at.v for point in points],
+            N=summed(own.N for own in forces),
+            F=summed(own.F for own in forces),
+            apart=apart,
+            onset=begins,
+            unit=span.unit,
+            order=order,
+            end=span.end,
+        )
         return deepest_penetration(inside), found_by_series(inside, method)
 
     def at_blade(own: OfBlade) -> Any:
@@ -193,10 +205,8 @@ def integrated_works(
 
 def _lost_in_contact(own: FaceSeries, contact: State, model: Model) -> Any:
     """The power that contact dissipates at one interface, as a series."""
-    law = model.law
-    at = SlidingSeries.of(own)
-    point = ContactPoint(at, contact.motion, own.case, contact.u_s, contact.mode, model.reading, at.rates)
-    return law.dissipated_power(point, law.forces(point))
+    points = sliding_points(own, contact, model)
+    return summed(law.dissipated_power(point, law.forces(point)) for law, point in points)
 
 
 class SlidingSeries(NamedTuple):
@@ -206,15 +216,26 @@ class SlidingSeries(NamedTuple):
     u: Any
     rounding: Any
 
-    @classmethod
-    def of(cls, own: FaceSeries) -> Any:
-        """Those of an interface."""
-        return cls(polynomial(own.v), polynomial(own.u), own.rounding)
 
-    @property
-    def rates(self) -> ContactRates:
-        """Their derivatives."""
-        return ContactRates(rate_of(self.v), rate_of(self.u), ZERO, ZERO)
+class SlidingPoint(NamedTuple):
+    """A point of contact within a trial."""
+
+    law: LinearLaw
+    contact: ContactPoint  # at a `SlidingSeries`
+
+
+def sliding_points(own: FaceSeries, contact: State, model: Model) -> list[SlidingPoint]:
+    """The points of contact of one interface from its polynomials; of the state only the contact is used."""
+    laws = linear_laws(model.law)
+    modes = contact.mode if isinstance(contact.mode, tuple) else (contact.mode,)
+    sliders = contact.u_s if isinstance(contact.u_s, tuple) else (contact.u_s,) * len(laws)
+    u = polynomial(own.u)
+    points = []
+    for law, point, u_s, mode in zip(laws, own.points, sliders, modes, strict=True):
+        at = SlidingSeries(polynomial(point.v), u, point.rounding)
+        rates = PointRates(v=rate_of(at.v), u=rate_of(u))
+        points.append(SlidingPoint(law, ContactPoint(at, contact.motion, own.case, u_s, mode, model.reading, rates)))
+    return points
 
 
 def integrated_moments(own: OfBlade, order: int, span: TrialSpan) -> Moments:
@@ -232,16 +253,17 @@ def integrated_moments(own: OfBlade, order: int, span: TrialSpan) -> Moments:
     return Moments(tuple(map(first, displacements)), tuple(map(second, displacements)))  # pyright: ignore[reportArgumentType]
 
 
-def integrated_loads(own: FaceSeries, span: TrialSpan, contact: State, model: Model) -> ContactLoads:
-    """The loads of one interface; in slip the slider never turns, so that its path is the distance of its ends."""
-    law = linear_law(model.law)
-    mode = contact.mode
+def integrated_loads(point: SlidingPoint, order: int, span: TrialSpan) -> ContactLoads:
+    """The loads of a point of contact; in slip the slider never turns: its path is the distance of its ends."""
+    law = point.law
+    mode = point.contact.mode
     s = span.end
-    impulse = polynomial_value(_integrated(own.v), s) * span.unit
+    displacements = [a.coefficients(order - 1) for a in (point.contact.at.v, point.contact.at.u)]
+    impulse = polynomial_value(_integrated(displacements[0]), s) * span.unit
     N = law.normal_force(impulse, mode)
     if not law.has_stick:
         return ContactLoads(N, ZERO, ZERO, ZERO)
-    v, u = (polynomial_value(a, s) - a[0] for a in (own.v, own.u))
+    v, u = (polynomial_value(a, s) - a[0] for a in displacements)
     slips = (mode == Mode.SLIP_PLUS) | (mode == Mode.SLIP_MINUS)
     path = jnp.abs(law.slider_speed(v, u, mode))
     return ContactLoads(N, where(slips, N, 0.0), where(slips, s * span.unit, 0.0), path)

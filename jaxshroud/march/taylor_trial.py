@@ -26,7 +26,7 @@ from jaxshroud.march.carry import (
     updated_lanes,
 )
 from jaxshroud.march.event import any_of
-from jaxshroud.march.events import HEIGHT, LIFT, RUB, TURN, number_of
+from jaxshroud.march.events import HEIGHT, TURN, events_at_points, happens, number_of
 from jaxshroud.march.locate import at_event, select
 from jaxshroud.march.log import AcceptedTrial, updated_accumulator
 from jaxshroud.march.method import Choices
@@ -61,7 +61,7 @@ from jaxshroud.march.taylor_expansion import (
     wave_at,
     whole_row,
 )
-from jaxshroud.march.taylor_integrals import OfBlade, SlidingSeries, TrialSpan, motion_after, read_off
+from jaxshroud.march.taylor_integrals import OfBlade, TrialSpan, motion_after, read_off, sliding_points
 from jaxshroud.model.arithmetic import (
     Scalar,
     any_along,
@@ -69,11 +69,12 @@ from jaxshroud.model.arithmetic import (
     is_unrolled,
     is_zero,
     least,
+    summed,
     where,
     zeros_for,
 )
-from jaxshroud.model.contact_law import linear_law
 from jaxshroud.model.modes import Mode
+from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.row import Each, RowModel, alone, over, row_rhs
@@ -98,6 +99,7 @@ class SeriesOutcome(NamedTuple):
     which: Any  # index of that guard
     probe: Any  # see `TrialEvent`
     inside: Any
+    several: Any  # more than one guard was above zero at the start
 
 
 class TaylorTrial(NamedTuple):
@@ -183,7 +185,7 @@ def _trial_and_series(
     if method.derivative:
         s = _differentiable_end(expansion.faces, lane, fixed, outcome, s)
     state, model = lane.state, fixed.model
-    contact = State(None, state.u_s, state.mode, state.case)
+    contact = _contact_of(state)
     events = outcome.fires, outcome.kind
 
     def read(span, of_blades, of_faces):
@@ -206,6 +208,11 @@ def _trial_and_series(
     return trial, (own.x, own.y, own.theta)
 
 
+def _contact_of(state: State) -> State:
+    """The contact alone, whose parts are all numbers of interfaces."""
+    return State(None, state.u_s, state.mode, state.case)
+
+
 def trial_outcome(
     expansion: TaylorExpansion, lane: Lane, fixed: Fixed[RowModel], order: int, each: Each
 ) -> SeriesOutcome:
@@ -219,10 +226,10 @@ def trial_outcome(
     times = lane.step, fixed.stop, fixed.grid
     length_of = partial(_trial_length, order=order)
     h = each(length_of, terms, returns, search.done, search.tolerance, search.tries, search.cap, *times)
-    contact = lane.state.u_s, lane.state.mode
+    contact = _contact_of(lane.state)
     model = fixed.model.interfaces
     before = search.crossed, search.probing, search.recheck, search.tries
-    event, kind = over(each, _first_event_of_face, faces, contact, before, h, model)
+    event, kind, several = over(each, _first_event_of_face, faces, contact, before, h, model)
     first = least(event.end)
     here = event.end <= first + SIMULTANEOUS[h.dtype.itemsize] * h
     reject = any_along(event.reject)
@@ -234,6 +241,7 @@ def trial_outcome(
         which=event.which,
         probe=here & event.probe & ~reject,
         inside=event.inside,
+        several=several,
     )
 
 
@@ -315,29 +323,35 @@ def _power(x: Scalar, exponent: float) -> Scalar:
     return lax.bitcast_convert_type(power, jnp.float32).astype(x.dtype)
 
 
-def face_guards(faces: FaceSeries, u_s: Any, mode: Any, model: Model) -> list[tuple[int, Coefficients]]:
+def face_guards(faces: FaceSeries, contact: State, model: Model) -> list[tuple[int, Coefficients]]:
     """The guards of one interface as polynomials by the numbers of their events; negative while the mode lasts."""
-    lift = tuple(where(mode == Mode.APART, 1.0, -1.0) * a for a in faces.v)
     switches = [(number_of(event), a) for event, a in ((TURN, faces.turn), (HEIGHT, faces.height)) if not is_zero(a[0])]
-    at = SlidingSeries.of(faces)
-    friction = linear_law(model.law).friction_series(at, at.rates, u_s, mode)
-    rubs = [(number_of(RUB), coefficients(guard, len(faces.v) - 1)) for guard in friction]
-    return [(number_of(LIFT), lift), *switches, *rubs]
+    lifts, rubs = [], []
+    points = sliding_points(faces, contact, model)
+    for (lift, rub), (law, point), own in zip(events_at_points(model.law), points, faces.points, strict=True):
+        apart = point.mode == Mode.APART
+        gap, *rates = (where(apart, 1.0, -1.0) * a for a in own.v)
+        if model.law.has_points:  # see `point_events`
+            gap = where(apart, gap, gap - own.rounding)
+        lifts.append((number_of(lift), (gap, *rates)))
+        friction = law.friction_series(point.at, point.rates(), point.u_s, point.mode)
+        rubs += [(number_of(rub), coefficients(guard, len(own.v) - 1)) for guard in friction]
+    return [*lifts, *switches, *rubs]
 
 
 def _first_event_of_face(
     faces: FaceSeries,
-    contact: tuple[Any, Any],
+    contact: State,
     before: tuple[Any, Any, Any, Any],
     h: Scalar,
     model: Model,
-) -> tuple[TrialEvent, Int[Array, ""]]:
-    """The first event of one interface within `h` radians, and its kind.
+) -> tuple[TrialEvent, Int[Array, ""], Bool[Array, ""]]:
+    """The first event of one interface within `h` radians, its kind, and whether several were due at the start.
 
     `before` are `crossed`, `probing`, `recheck` and `tries` of the search.
     """
     crossed, probing, recheck, tries = before
-    kinds, guards = zip(*face_guards(faces, *contact, model), strict=True)
+    kinds, guards = zip(*face_guards(faces, contact, model), strict=True)
     at_start = [(g[0] > 0) & recheck & (crossed != k) for k, g in zip(kinds, guards, strict=True)]
     event = first_event(list(guards), h, probing, tries)
     immediately = any_of(at_start)
@@ -349,7 +363,8 @@ def _first_event_of_face(
     kind = jnp.int32(kinds[-1])
     for i, k in enumerate(kinds[:-1]):
         kind = where(which == i, jnp.int32(k), kind)
-    return event, kind
+    several = summed(due.astype(jnp.int32) for due in at_start) > 1
+    return event, kind, several
 
 
 def _differentiable_end(
@@ -357,13 +372,13 @@ def _differentiable_end(
 ) -> Scalar:
     """The end of a trial of a pair with its derivative: that of a guard's root or of the remaining angle, else none."""
 
-    def root(faces: FaceSeries, contact: tuple[Any, Any], outcome: SeriesOutcome, model: Model) -> Scalar:
-        guards = [guard for _, guard in face_guards(faces, *contact, model)]
+    def root(faces: FaceSeries, contact: State, outcome: SeriesOutcome, model: Model) -> Scalar:
+        guards = [guard for _, guard in face_guards(faces, contact, model)]
         size, rate = polynomial_value_and_rate(select_polynomial(trimmed(guards, s), outcome.which), s)
         rate = where(outcome.fires & (s > 0) & (rate > 0), lax.stop_gradient(rate), jnp.inf)
         return at_event(s, jnp.ones_like(s), size, rate)
 
-    contact = lane.state.u_s, lane.state.mode
+    contact = _contact_of(lane.state)
     (at_root,) = over(alone, root, faces, contact, outcome, fixed.model.interfaces)
     rest = _remaining_angle(lane.search.done, lane.step, fixed.stop, fixed.grid.turn)
     ends = any_along(outcome.fires) | any_along(outcome.probe)
@@ -386,19 +401,19 @@ def _lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[RowModel], me
     outcome = trial.outcome
     active = running(lane, fixed.stop)
     # when apart, a change of the case has no effect
-    fires = outcome.fires & ~((start.mode == Mode.APART) & (outcome.kind != number_of(LIFT))) & active
+    mode = interface_mode(start.mode)
+    fires = outcome.fires & ~((mode == Mode.APART) & happens(outcome.kind, TURN, HEIGHT)) & active
     next_search, step = _next_taylor_search(lane, trial, fires)
     end = State(trial.motion, start.u_s, start.mode, start.case)
     wave = wave_at(step, next_search.done, grid, each)
     h = trial.length * grid.h
-    no = jax.tree.map(jnp.zeros_like, fires)
-    ending = InterfaceEnding(fires=fires, kind=outcome.kind, several=no, inside=outcome.inside, delay=h)
+    ending = InterfaceEnding(fires=fires, kind=outcome.kind, several=outcome.several, inside=outcome.inside, delay=h)
     change = changes_of_row(lane, end, row_torques(end, wave, model, each), ending, fixed, method, each)
     after = State(end.motion, change.u_s, change.mode, change.case)
     after, dropped = as_flat(after, change.becomes_flat, model, each)
     accepted = AcceptedTrial(
         start=start,
-        mode=start.mode,
+        mode=mode,
         h=h,
         end=trial.motion,
         after=after.motion,

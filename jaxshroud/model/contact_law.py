@@ -122,6 +122,11 @@ class ContactLaw(SceneLaw):
         """Whether the faces rub."""
         return self.has_stick or self.flows
 
+    @property
+    def of_points(self) -> tuple["ContactLaw", ...]:
+        """The law of each point of contact of an interface."""
+        return (self,)
+
     @abstractmethod
     def forces(self, point: ContactPoint) -> Forces:
         """The normal and the friction force, and the rate of the slider where it is integrated."""
@@ -180,6 +185,10 @@ class ContactLaw(SceneLaw):
         """The rates of the loads."""
         del point
         return ContactLoads(forces.N, ZERO, ZERO, ZERO)
+
+    def loads_of_interface(self, of_points: list[ContactLoads]) -> ContactLoads:
+        """The loads of an interface, or their rates, from those of its points."""
+        return of_points[0]
 
     def case_blend(self, q: Pose, block: Corners) -> CaseBlend | None:
         """The mixture of the four cases of blocks that turn; None where contact switches from corner to corner."""
@@ -254,21 +263,19 @@ class LinearLaw(ContactLaw):
         del at, rate, u_s, mode
         return ()
 
-    def largest_friction_force(self, w: Scalar, N: Scalar, mode: Modes) -> Scalar:
-        """The largest friction force in a mode [N], from the largest size of u - u_s and the largest normal force."""
-        del w, mode
-        return jnp.zeros_like(N)
 
-
-def linear_law(law: ContactLaw) -> LinearLaw:
-    """The law as one that power series march.
+def linear_laws(law: ContactLaw) -> list[LinearLaw]:
+    """The laws of the points of an interface as those that power series march.
 
     Raises:
-        TypeError: It is not linear.
+        TypeError: One is not linear.
     """
-    if not isinstance(law, LinearLaw):
-        raise TypeError(f"Power series march no contact by {type(law).__name__}, which is not linear.")
-    return law
+    laws = []
+    for own in law.of_points:
+        if not isinstance(own, LinearLaw):
+            raise TypeError(f"Power series march no contact by {type(own).__name__}, which is not linear.")
+        laws.append(own)
+    return laws
 
 
 def starts_in_overlap(at: AtPoint, delay: Scalar) -> Bool[Array, ""]:

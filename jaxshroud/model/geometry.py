@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.model.arithmetic import Pair, Scalar, Symbolic, blended, where
+from jaxshroud.model.arithmetic import ZERO, Pair, Scalar, Symbolic, blended, where
 from jaxshroud.model.blocks import Corners, FacePoint, Pose, rotation, rounding_of_sum
 from jaxshroud.model.series import rate_of
 from jaxshroud.scene.keys import Motion
@@ -124,7 +124,6 @@ class PointKinematics(NamedTuple):
 class FaceKinematics(NamedTuple):
     """The kinematics of faces of several points, as `ContactKinematics`; corners and offset are of their middles."""
 
-    v: Scalar  # penetration of the deepest point
     u: Scalar  # slide of all points
     height: Scalar
     turn: Scalar
@@ -133,9 +132,22 @@ class FaceKinematics(NamedTuple):
     corner: Pair
     corner_y: Pair
     offset: tuple[Scalar, Scalar]
-    rounding: Scalar
-    turn_rounding: Scalar
     points: tuple[PointKinematics, ...]
+
+    @property
+    def v(self) -> Scalar:
+        """The penetration of the deepest point [m]."""
+        return reduce(jnp.maximum, (point.v for point in self.points))
+
+    @property
+    def rounding(self) -> Scalar:
+        """A bound of the rounding errors of all points [m]."""
+        return reduce(jnp.maximum, (point.rounding for point in self.points))
+
+    @property
+    def turn_rounding(self) -> Scalar:
+        """A bound of the rounding error of theta_1 - theta_2."""
+        return self.rounding
 
 
 def face_kinematics(q: Pose, block: Corners) -> FaceKinematics:
@@ -162,11 +174,7 @@ def face_kinematics(q: Pose, block: Corners) -> FaceKinematics:
         turned = (point.place * theta for theta in q.theta)
         return PointKinematics(v + opening, u, rounding_of_sum((*terms, *turned)), point.place * (1 - lean[1]))
 
-    points = tuple(map(at, block.points))
-    deepest = reduce(jnp.maximum, (point.v for point in points))
-    rounding = reduce(jnp.maximum, (point.rounding for point in points))
     return FaceKinematics(
-        v=deepest,
         u=u,
         height=d_y,
         turn=q.theta[0] - q.theta[1],
@@ -175,9 +183,7 @@ def face_kinematics(q: Pose, block: Corners) -> FaceKinematics:
         corner=(half + dl_x, dr_x - half),
         corner_y=(dl_y, dr_y),
         offset=(e_x, d_y),
-        rounding=rounding,
-        turn_rounding=rounding,
-        points=points,
+        points=tuple(map(at, block.points)),
     )
 
 
@@ -191,7 +197,7 @@ class PointRates(NamedTuple):
 class FaceRates(NamedTuple):
     """The time derivatives of the scalars of `FaceKinematics`."""
 
-    v: Scalar
+    v: Scalar  # of the deepest point; absent of series
     u: Scalar
     height: Scalar
     turn: Scalar
@@ -279,6 +285,10 @@ def contact_rates(at: Kinematics, z: Motion, case: Case, reading: frozenset[str]
     The offset e moves with the corners' velocities, and the axes n, t turn with the face: A' = -theta_f'. Hence
     v' = e'.n - theta_f' u and u' = e'.t + theta_f' v. Those of faces of points turn with the mean of both blocks.
     """
+    if isinstance(at, FaceKinematics) and isinstance(at.u, Symbolic):
+        u = rate_of(at.u)
+        points = tuple(PointRates(rate_of(point.v), u) for point in at.points)
+        return FaceRates(v=ZERO, u=u, height=rate_of(at.height), turn=rate_of(at.turn), points=points)
     if isinstance(at.v, Symbolic):
         return ContactRates(rate_of(at.v), rate_of(at.u), rate_of(at.height), rate_of(at.turn))
     (l_x, r_x), (l_y, r_y) = at.corner, at.corner_y

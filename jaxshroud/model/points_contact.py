@@ -31,6 +31,7 @@ class PointsContact(ContactLaw):
     called: ClassVar[str] = "contact points"
     is_examined: ClassVar[bool] = True  # as far as rows are: an accuracy chooses a method that is not tried
     has_points: ClassVar[bool] = True
+    by_series: ClassVar[bool] = True
 
     laws: tuple[ContactLaw, ...]
     shares: tuple[Scalar, ...]
@@ -50,7 +51,12 @@ class PointsContact(ContactLaw):
         """Whether the points stick and slip."""
         return self.laws[0].has_stick
 
-    def of_points(self, point: ContactPoint) -> list[ContactPoint]:
+    @property
+    def of_points(self) -> tuple[ContactLaw, ...]:
+        """The law of each point."""
+        return self.laws
+
+    def points_of(self, point: ContactPoint) -> list[ContactPoint]:
         """The points of an interface."""
         rates = [None] * len(self.laws) if point.own_rates is None else point.own_rates.points
         sliders = [ZERO] * len(self.laws) if is_zero(point.u_s) else point.u_s
@@ -61,7 +67,7 @@ class PointsContact(ContactLaw):
 
     def forces(self, point: ContactPoint) -> SummedForces:
         """The sums of the forces of the points, and these."""
-        of_each = tuple(law.forces(own) for law, own in zip(self.laws, self.of_points(point), strict=True))
+        of_each = tuple(law.forces(own) for law, own in zip(self.laws, self.points_of(point), strict=True))
         return SummedForces(summed(own.N for own in of_each), summed(own.F for own in of_each), ZERO, of_each)
 
     def load(self, point: ContactPoint, forces: SummedForces, block: Corners) -> Load:
@@ -91,16 +97,22 @@ class PointsContact(ContactLaw):
         return summed(self._of_each(lambda law, *own: law.dissipated_power(*own), point, forces))
 
     def load_rates(self, point: ContactPoint, forces: SummedForces) -> ContactLoads:
+        """The rates of the loads of all points."""
+        return self.loads_of_interface(self._of_each(lambda law, *own: law.load_rates(*own), point, forces))
+
+    def loads_of_interface(self, of_points: list[ContactLoads]) -> ContactLoads:
         """The sums of the loads; the time is that in which any point slips, the path its mean by the shares."""
-        of_each = self._of_each(lambda law, *own: law.load_rates(*own), point, forces)
-        times: list[Any] = [own.time_slip for own in of_each]
-        slips = times[0] if is_zero(times[0]) else reduce(jnp.maximum, times)
-        path = summed(share * own.slip for share, own in zip(self.shares, of_each, strict=True))
-        return ContactLoads(summed(own.N for own in of_each), summed(own.N_slip for own in of_each), slips, path)
+        times: list[Any] = [own.time_slip for own in of_points]
+        return ContactLoads(
+            N=summed(own.N for own in of_points),
+            N_slip=summed(own.N_slip for own in of_points),
+            time_slip=times[0] if is_zero(times[0]) else reduce(jnp.maximum, times),
+            slip=summed(share * own.slip for share, own in zip(self.shares, of_points, strict=True)),
+        )
 
     def _of_each(self, f: Callable[..., Any], point: ContactPoint, forces: SummedForces) -> list[Any]:
         """`f` of the law, the point and the forces of each."""
-        return [f(*own) for own in zip(self.laws, self.of_points(point), forces.points, strict=True)]
+        return [f(*own) for own in zip(self.laws, self.points_of(point), forces.points, strict=True)]
 
     def carried_mode(self, mode: Any) -> Any:
         """One for each point."""

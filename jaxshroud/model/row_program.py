@@ -19,7 +19,9 @@ from jaxshroud.model.row import Each, over
 
 HOMES = ("lane", "blade", "interface")
 EXCHANGES = len(HOMES)  # in the order of kernels, exchanges follow those of all places
-KernelKey = tuple[int, int]  # of a kernel: the number of exchanges before it, and the index of its place
+# Of a kernel: the number of exchanges before it, the index of its place, and which part of these equations it has.
+KernelKey = tuple[int, int, int]
+MAX_INPUTS = 90  # of a kernel: with more numbers than some 120 it would lose vector registers
 KernelSteps = list[Any]  # of a `jaxpr`
 
 
@@ -82,7 +84,23 @@ def _kernels(program: Any, place: dict[Any, str]) -> dict[KernelKey, KernelSteps
         for v in _variables(eqn.invars, place):
             latest[v] = min(latest.get(v, before), before)
         kernels[(before, EXCHANGES) if moves else (level, HOMES.index(place[eqn.outvars[0]]))].insert(0, eqn)
-    return kernels
+    parts = {key: [own] if key[1] == EXCHANGES else _parts(own) for key, own in kernels.items()}
+    return {(*key, i): part for key, own in parts.items() for i, part in enumerate(own)}
+
+
+def _parts(equations: KernelSteps) -> list[KernelSteps]:
+    """The equations of a kernel in parts of at most `MAX_INPUTS` inputs each."""
+    parts = [[]]
+    inputs, made = set(), set()
+    for eqn in equations:
+        operands = {v for v in eqn.invars if not isinstance(v, Constant)}
+        if len(inputs | (operands - made)) > MAX_INPUTS and parts[-1]:
+            parts.append([])
+            inputs, made = set(), set()
+        parts[-1].append(eqn)
+        inputs |= operands - made
+        made |= set(eqn.outvars)
+    return parts
 
 
 def _wanted(program: Any, kernels: dict[KernelKey, KernelSteps]) -> dict[Any, set[Any]]:

@@ -217,10 +217,6 @@ class BilinearContact(SpringContact):
         slipping = self.mu * (slip_sign(mode, rate.v.dtype) * self.k * rate.v)
         return where(mode == Mode.STICK, self.k_d * rate.u, slipping)
 
-    def largest_friction_force(self, w: Scalar, N: Scalar, mode: Modes) -> Scalar:
-        """That of k_d (u - u_s) in stick, of mu N in slip [N]."""
-        return where(mode == Mode.STICK, self.k_d * w, self.mu * N)
-
 
 def slip_sign(mode: Modes, dtype: Any) -> Scalar:
     """sigma: +1 in slip+, -1 in slip-, 0 otherwise."""

@@ -27,7 +27,7 @@ from jaxshroud.model.contact_law import (
     LawForces,
     Modes,
     Slider,
-    linear_law,
+    linear_laws,
 )
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import law_type, prepared_law
@@ -234,5 +234,5 @@ def test_a_scene_with_a_law_of_its_own_is_like_any_other():
 
 def test_power_series_march_no_cubic_spring():
     with pytest.raises(TypeError, match="CubicContact"):
-        linear_law(CubicContact(*(jnp.asarray(1.0) for _ in range(4))))
-    assert linear_law(prepared_law(scene_of("pair")))  # control
+        linear_laws(CubicContact(*(jnp.asarray(1.0) for _ in range(4))))
+    assert linear_laws(prepared_law(scene_of("pair")))  # control

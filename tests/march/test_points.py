@@ -24,6 +24,7 @@ from jaxshroud.scene.vary import value_of
 LIGHT = ("blades.I=2.46e-5 kg m^2", "contact.gamma=2.6", "drive.M_0=0.3")
 CHAIN = ("row.blades=3", "row.closed=false", "drive.engine_order=1", "blades.I=2.46e-5 kg m^2", "drive.M_0=0.3")
 METHOD = js.RungeKutta("dopri8", steps=400)
+BY_SERIES = js.Taylor(order=14, tolerance=1e-12, steps=METHOD.steps)
 PERIODS = 2
 
 
@@ -41,14 +42,17 @@ def ends_of(run):
     return np.stack(run.motion, axis=1)[METHOD.steps :: METHOD.steps]
 
 
-@pytest.mark.full(but=["pair"])
+PAIR, ROW_OF_THREE = scene_with(2, *LIGHT), scene_with(3, *CHAIN, name="row_ring12")
+
+
+@pytest.mark.full(but=["pair", "pair by series"])
 @pytest.mark.parametrize(
-    "scene",
-    [scene_with(2, *LIGHT), scene_with(3, *CHAIN, name="row_ring12")],
-    ids=["pair", "row of three"],
+    ("scene", "method"),
+    [(PAIR, METHOD), (PAIR, BY_SERIES), (ROW_OF_THREE, METHOD), (ROW_OF_THREE, BY_SERIES)],
+    ids=["pair", "pair by series", "row of three", "row of three by series"],
 )
-def test_a_march_agrees_with_an_independent_one(scene):
-    run, (states, counts) = js.simulate(scene, n_periods=PERIODS, method=METHOD), by_reference(scene)
+def test_a_march_agrees_with_an_independent_one(scene, method):
+    run, (states, counts) = js.simulate(scene, n_periods=PERIODS, method=method), by_reference(scene)
     size = np.abs(states).max(axis=(0, 2), keepdims=True)
     assert np.abs((ends_of(run) - states) / size).max() < 1e-8  # the error of events that are located by cubics
     for name, of_points in counts.items():
@@ -63,7 +67,7 @@ def test_a_march_agrees_with_an_independent_one(scene):
     np.testing.assert_array_equal(run.mode == Mode.APART, ~slips & ~sticks)
     np.testing.assert_array_equal(run.mode == Mode.STICK, sticks & ~slips)
     # Control: stiffer faces move otherwise.
-    stiffer = js.simulate(js.vary(scene, "contact.gamma", 2.7), n_periods=PERIODS, method=METHOD)
+    stiffer = js.simulate(js.vary(scene, "contact.gamma", 2.7), n_periods=PERIODS, method=method)
     assert np.abs((ends_of(stiffer) - states) / size).max() > 1e-2
 
 
@@ -151,8 +155,6 @@ def test_what_does_not_know_points_refuses_them_by_name():
     file = js.load("table1", ["contact.points=2"])
     with pytest.raises(js.InputError, match="`trade` does not know faces with several points"):
         js.trade(file)
-    with pytest.raises(js.InputError, match="not contact points"):
-        js.simulate(file, n_periods=1, method=js.Taylor())
     with pytest.raises(js.InputError, match="do not know contact points"):
         js.with_contact_law(file.scene, js.Laws(js.Hertz(1e7)))
 

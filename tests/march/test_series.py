@@ -77,8 +77,8 @@ def expanded(state: State, scene) -> dict:
     scaled = per_radian(row, unit)
     slope, rates = row_rhs(there, now, clusters_of(now, scaled), scaled, Recorded(ledger=True), alone)
     curved = [[jax.jvp(lambda s, a=a: at_rate(a, s), (s,), (1.0,))[1] for a in zip(*b, strict=True)] for b in way[:3]]
-    faces = at_only_interface(way.faces)
-    guards = [polynomial_value(guard, s) for _, guard in face_guards(faces, state.u_s, state.mode, scaled.pair)]
+    faces, contact = at_only_interface(way.faces), State(None, state.u_s, state.mode, state.case)
+    guards = [polynomial_value(guard, s) for _, guard in face_guards(faces, contact, scaled.pair)]
     seen = row_guards(now, there, scaled, alone, EVENTS).value
     wave = wave_at(jnp.int32(0), jnp.asarray(0.0), fixed.grid, alone)
 

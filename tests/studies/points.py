@@ -3,7 +3,8 @@
 Random pairs and rows, half of them light, are marched here and by `points_reference`, plain NumPy with a geometry of
 its own. What is told of each: the largest difference of states at the ends of periods, over the largest size of each
 quantity; where that is above 1e-8, how far a nudge of 1e-12 of the gap moves the reference; and whether all counts of
-events are equal. It writes `points.json`; `--pairs` and `--rows` say how many of each.
+events are equal. It writes `points.json`; `--pairs` and `--rows` say how many of each, and `--series` marches them by
+power series.
 """
 
 import argparse
@@ -16,6 +17,8 @@ import numpy as np
 import jaxshroud as js
 
 PERIODS, STEPS, STEPS_OF_REFERENCE = 2, 800, 400
+RUNGE_KUTTA = js.RungeKutta("dopri8", STEPS, locate="bisection")
+SERIES = js.Taylor(order=14, tolerance=1e-12, steps=STEPS)
 AGREES = 1e-8
 FILE = Path(__file__).with_suffix(".json")
 
@@ -41,13 +44,12 @@ def random_scene(seed: int, is_row: bool) -> js.Scene:
     return js.load("row_ring12" if is_row else "table1", changes).scene
 
 
-def compared(scene: js.Scene) -> dict[str, Any]:
+def compared(scene: js.Scene, method: js.RungeKutta | js.Taylor) -> dict[str, Any]:
     """What is told of one scene."""
     from test_points import by_reference
 
     follow = lambda scene: by_reference(scene, PERIODS, STEPS_OF_REFERENCE)
     states, counts = follow(scene)
-    method = js.RungeKutta("dopri8", STEPS, locate="bisection")
     run = js.simulate(scene, n_periods=PERIODS, method=method)
     size = np.abs(states).max(axis=(0, 2), keepdims=True)
     ends = np.stack(run.motion, axis=1)[STEPS::STEPS]
@@ -70,14 +72,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pairs", type=int, default=40)
     parser.add_argument("--rows", type=int, default=20)
+    parser.add_argument("--series", action="store_true", help="march by power series")
     parser.add_argument("--resume", action="store_true", help="go on from the stored ones")
     asked = parser.parse_args()
     stored = json.loads(FILE.read_text(encoding="utf-8")) if asked.resume else {}
-    found: dict[str, list[Any]] = {"pairs": [], "rows": []} | stored
+    found: dict[str, list[Any]] = dict(stored)
+    method, suffix = (SERIES, " by series") if asked.series else (RUNGE_KUTTA, "")
     for kind, count in (("pairs", asked.pairs), ("rows", asked.rows)):
-        for seed in range(len(found[kind]), count):
-            found[kind].append(compared(random_scene(seed, kind == "rows")))
-            print(kind, seed, found[kind][-1], flush=True)
+        own = found.setdefault(kind + suffix, [])
+        for seed in range(len(own), count):
+            own.append(compared(random_scene(seed, kind == "rows"), method))
+            print(kind, seed, own[-1], flush=True)
             FILE.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 
 

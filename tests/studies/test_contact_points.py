@@ -23,10 +23,11 @@ def test_energy_balances():
     assert coarse.max() > 100 * point_energy.BALANCES
 
 
-def test_marches_agree_with_independent_ones():
+@pytest.mark.parametrize("method", ["RUNGE_KUTTA", "SERIES"])
+def test_marches_agree_with_independent_ones(method):
     import points
 
     sys.path.append(str(Path(__file__).parent.parent / "march"))
-    found = points.compared(points.random_scene(100, False))
+    found = points.compared(points.random_scene(100, False), getattr(points, method))
     assert found["error"] < points.AGREES or found["error"] < 100 * found["nudged"], found
     assert found["counts equal"]
