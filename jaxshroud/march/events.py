@@ -25,7 +25,6 @@ the faces part with the third power of time, and the sign of g means nothing unt
 of the blocks therefore counts only beyond that error.
 """
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -47,7 +46,6 @@ from jaxshroud.march.event import (
 from jaxshroud.march.point_events import LIFT_AT, POINT_EVENTS, RUB_AT
 from jaxshroud.model.arithmetic import ZERO, Scalar, where
 from jaxshroud.model.contact_law import ContactLaw
-from jaxshroud.model.drive import Waves
 from jaxshroud.model.geometry import (
     Kinematics,
     Pose,
@@ -62,7 +60,7 @@ from jaxshroud.model.geometry import (
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State, has_torsion, touches_at_corners
-from jaxshroud.model.rhs import EndTorques, end_torques, parallel_mean, stored_energy
+from jaxshroud.model.rhs import EndTorques, parallel_mean, stored_energy
 from jaxshroud.scene.keys import Motion
 
 FLAT_PART = 1 / 24  # of a step: a rocking motion that returns sooner counts as flat contact in any case
@@ -171,15 +169,6 @@ def model_events(model: Model) -> list[Event]:
     return [event for event in events if event.exists(model)]
 
 
-@partial(jax.jit, inline=True, static_argnames=("events",))
-def evaluate_guards(
-    z: Motion, Q: Waves, state: State, model: Model, events: Events = BUILT_IN_EVENTS
-) -> GuardEvaluation:
-    """The contact kinematics and the guards of the motion `z` in the mode of `state`; `Q` is the drive's wave."""
-    placed = place_contact(z, state, model)
-    return guards_at(placed, z, end_torques(z, Q, placed[2], state, model), state, model, events)
-
-
 def guards_at(
     placed: tuple[Pose, Any, Kinematics],
     z: Motion,
@@ -188,7 +177,7 @@ def guards_at(
     model: Model,
     events: Events = BUILT_IN_EVENTS,
 ) -> GuardEvaluation:
-    """`evaluate_guards` of placed blocks under known torques."""
+    """The contact kinematics and the guards of placed blocks under the torques at both ends of their overlap."""
     q, case, at = placed
     rate = contact_rates(at, z, case, model.reading)
     guards = guard_values(at, rate, torques, state, case, model, events)

@@ -84,18 +84,6 @@ def motions_of_pair(z: Motion) -> tuple[Motion, Motion]:
     return Motion._make(a[0] for a in z), Motion._make(a[1] for a in z)
 
 
-def forces_with_springs(R: BladeForces, z: Motion, springs: NeighbourSprings | None) -> BladeForces:
-    """Forces on both blades of a pair, with those of the springs between them; of `Pair`s."""
-    if springs is None:
-        return R
-    on_left = springs.forces(*motions_of_pair(z))
-
-    def of_pair(a, force):
-        return (a[0] + force, a[1] - force) if isinstance(a, tuple) else (force, -force)
-
-    return BladeForces._make(a if is_zero(f) else of_pair(a, f) for a, f in zip(R, on_left, strict=True))
-
-
 def _on_both_sides(z: Motion, closed: bool) -> tuple[Motion, Motion]:
     """The motion of the blade left of each interface, and of that right of it."""
 

@@ -6,13 +6,12 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 
-from jaxshroud.model.arithmetic import Scalar, of_blade, summed
+from jaxshroud.model.arithmetic import Scalar, summed
 from jaxshroud.model.series import Series
 from jaxshroud.scene.drive import AnyLoad, ComplexLoad, Drive
 from jaxshroud.scene.keys import Motion
 
 Wave = tuple[Any, ...]  # sin(n omega t + phase) for each harmonic n, or it and the cosine: of one blade, or `Series`
-Waves = tuple[Wave, Wave]  # of the left and the right blade
 
 
 class HarmonicForce(NamedTuple):
@@ -121,12 +120,6 @@ def _prepared(one: AnyLoad) -> HarmonicForce | ComplexForce:
     if isinstance(one, ComplexLoad):
         return ComplexForce._make((*one.amplitudes, jnp.sin(one.phase), jnp.cos(one.phase)))
     return HarmonicForce(one.F_x, one.F_y, one.M_0, jnp.sin(one.phase), jnp.cos(one.phase))
-
-
-def drive_waves(s: Scalar, c: Scalar, drive: Excitation) -> Waves:
-    """The wave of each blade of a pair from the sine and cosine of omega t."""
-    left, right = (of_blade(i, drive)[0].wave(s, c) for i in (0, 1))
-    return left, right
 
 
 def multiple_angle(s: Scalar, c: Scalar, n: int) -> tuple[Scalar, Scalar]:

@@ -1,18 +1,16 @@
-"""Equation (1): the motion of both blocks while the contact mode and the case are fixed.
+"""What Eq. (1) takes from each interface and each blade while modes and cases are fixed: `row.row_rhs` joins it.
 
-The interface of the blocks comes first: how their faces lie against each other, and the forces of contact there.
+How the faces of two blocks lie against each other, the forces of contact there, and what is integrated with the motion.
 """
 
 from typing import Any, NamedTuple
 
-import jax
-
 from jaxshroud.model.arithmetic import ZERO, Pair, Scalar, is_zero, of_blade, sine_versine, where
-from jaxshroud.model.blade import Acceleration, AnyBlade, BladeForces
+from jaxshroud.model.blade import AnyBlade
 from jaxshroud.model.contact import Load
 from jaxshroud.model.contact_law import ContactLoads, ContactPoint, Forces, Slider
-from jaxshroud.model.coupling import forces_with_springs, motions_of_pair
-from jaxshroud.model.drive import Excitation, Wave, Waves
+from jaxshroud.model.coupling import motions_of_pair
+from jaxshroud.model.drive import Excitation, Wave
 from jaxshroud.model.geometry import (
     Case,
     FaceKinematics,
@@ -25,8 +23,7 @@ from jaxshroud.model.geometry import (
     tip_is_left,
 )
 from jaxshroud.model.linear import StaticPosition, about_static
-from jaxshroud.model.modes import FLAT
-from jaxshroud.model.prepared import Model, State, has_torsion, touches_at_corners
+from jaxshroud.model.prepared import Model, State, has_torsion
 from jaxshroud.scene.keys import Motion
 
 
@@ -86,7 +83,11 @@ class EndTorques(NamedTuple):
 
 
 def torques_along_face(torque: Scalar, forces: Forces, at: Kinematics, state: State, model: Model) -> EndTorques:
-    """`end_torques` from the `torque` with contact at the corner of the current case."""
+    """The torques at both ends of the overlap from the `torque` with contact at the corner of the current case.
+
+    Shifting the resultant -N n - F t by s t + r n changes the torque by F r - N s. From d, the corner b is at
+    u t + v n, c is at l_ab t, and a is at the sum of both; the overlap ends at d and a, or at b and c.
+    """
     along = forces.N * model.block.l_ab
     corner = model.law.shift_torque(at, forces, state.mode)
     shift = where(is_upper(state.case), along, ZERO) - where(tip_is_left(state.case), corner, ZERO)
@@ -142,38 +143,10 @@ class Integrals(NamedTuple):
     means: Means | None = None
 
 
-def accelerations(z: Motion, Q: Waves, load: Load, model: Model) -> Acceleration:
-    """The accelerations by Eq. (1), from the drive's waves `Q` and the `load` of contact."""
-    contact = BladeForces((load.R_x, -load.R_x), (load.R_y, -load.R_y), load.M)
-    R = forces_with_springs(contact, z, model.coupling)
-    own = z, Q, model.drive, R, model.mobility.inverse
-    left, right = (of_blade(i, model.blades)[0].accelerations(*of_blade(i, *own)) for i in (0, 1))
-    return Acceleration._make(zip(left, right, strict=True))
-
-
 def parallel_mean(pair: Pair, model: Model) -> Pair:
     """The common value of two turning blocks that are held parallel: their mean, weighted by inertia."""
     mean = pair[1] + model.mobility.share * (pair[0] - pair[1])
     return mean, pair[1] if is_zero(pair[1]) else mean
-
-
-def end_torques(z: Motion, Q: Waves, at: Kinematics, state: State, model: Model) -> EndTorques:
-    """The torques at both ends of the overlap, from that at the corner of the current case.
-
-    Shifting the resultant -N n - F t by s t + r n changes the torque by F r - N s. From d, the corner b is at
-    u t + v n, c is at l_ab t, and a is at the sum of both; the overlap ends at d and a, or at b and c.
-    """
-    if not touches_at_corners(model):
-        return EndTorques(ZERO, ZERO)
-    return end_torques_under(loaded_contact(at, z, state, state.case, model), z, Q, at, state, model)
-
-
-def end_torques_under(
-    loaded: LoadedContact, z: Motion, Q: Waves, at: Kinematics, state: State, model: Model
-) -> EndTorques:
-    """`end_torques` of blocks that turn where the forces are known already."""
-    left, right = accelerations(z, Q, loaded.load, model).theta
-    return torques_along_face(model.mobility.joint * (left - right), loaded.forces, at, state, model)
 
 
 def blade_mean_square(x: Any, y: Any, sine: Any, versine: Any, gyration: Scalar, static: StaticPosition | None) -> Any:
@@ -191,29 +164,9 @@ def blade_mean_square(x: Any, y: Any, sine: Any, versine: Any, gyration: Scalar,
     return x**2 + y**2 + gyration * 2 * versine
 
 
-def mean_square(q: Pose, gyration: Scalar, static: StaticPosition | None) -> Pair:
-    """`blade_mean_square` of both blocks."""
-
-    def of(i):
-        return (q.x[i], q.y[i], q.sin[i], q.versine[i], gyration, *of_blade(i, static))
-
-    left, right = (blade_mean_square(*of(i)) for i in (0, 1))
-    return left, right
-
-
 def blade_works(z: Any, Q: Wave, blade: AnyBlade, drive: Excitation) -> tuple[Scalar, Scalar]:
     """The power of the drive on one blade, and that lost in its dampers [W]; all arguments are its own."""
     return drive.power(Q, blade.shroud(z)), blade.viscous_power(z)
-
-
-def works(z: Motion, Q: Waves, lost: Scalar, model: Model) -> Ledger:
-    """Rates of the works; `lost` is what contact dissipates."""
-    left, right = (blade_works(*of_blade(i, z, Q, model.blades, model.drive)) for i in (0, 1))
-    power = left[0] + right[0]
-    own = Ledger(power, abs(power), left[1] + right[1], lost)
-    if model.coupling is None:
-        return own
-    return own._replace(viscous=own.viscous + model.coupling.lost(*motions_of_pair(z)))
 
 
 class StateDerivative(NamedTuple):
@@ -227,25 +180,6 @@ def position_at(x: Any, y: Any, theta: Any) -> Means:
     """The position at some displacements, of any shape."""
     sine, versine = (theta, theta) if is_zero(theta) else sine_versine(theta)
     return Means(x, y, sine, versine)
-
-
-def left_position(q: Pose) -> Means:
-    """The rates of the means."""
-    return Means(q.x[0], q.y[0], q.sin[0], q.versine[0])
-
-
-def displacement_moments(z: Motion) -> Moments:
-    """The rates of the moments."""
-    first = (z.x, z.y, z.theta)
-    return Moments(first, jax.tree.map(lambda a: a * a, first))
-
-
-def rhs(Q: Waves, now: State, model: Model, recorded: Recorded) -> tuple[StateDerivative, Integrals]:
-    """The accelerations by Eq. (1) and the rates of the `recorded` integrals while the mode and the case are fixed.
-
-    `Q` are the `drive_waves` at that time.
-    """
-    return rhs_at(placement(now, model), Q, now, model, recorded)
 
 
 class ContactEffects(NamedTuple):
@@ -263,26 +197,6 @@ def contact_effects(place: Placement, now: State, model: Model, recorded: Record
     point = contact_point(place.at, now.motion, now, place.case, model)
     lost = law.dissipated_power(point, forces) if recorded.ledger else None
     return ContactEffects(load, forces.u_s, lost, law.load_rates(point, forces) if recorded.loads else None)
-
-
-def rhs_at(
-    place: Placement, Q: Waves, now: State, model: Model, recorded: Recorded
-) -> tuple[StateDerivative, Integrals]:
-    """`rhs` where the position is known already."""
-    contact = contact_effects(place, now, model, recorded)
-    z = now.motion
-    ledger = None if contact.lost is None else works(z, Q, contact.lost, model)
-    moments = displacement_moments(z) if recorded.moments else None
-    a = accelerations(z, Q, contact.load, model)
-    if touches_at_corners(model) and model.law.has_events:
-        theta = jax.tree.map(
-            lambda mean, own: where(now.case == FLAT, mean, own), parallel_mean(a.theta, model), a.theta
-        )
-        a = a._replace(theta=theta)
-    q = place.pose
-    means = left_position(q) if recorded.means else None
-    integrals = Integrals(mean_square(q, model.gyration, model.static), ledger, moments, contact.loads, means)
-    return StateDerivative(a, contact.u_s), integrals
 
 
 def stored_energy(z: Motion, model: Model) -> Scalar:

@@ -24,11 +24,10 @@ from jaxshroud.cache.programs import kept
 from jaxshroud.march.method import Choices
 from jaxshroud.model.arithmetic import Scalar, Symbolic, filled
 from jaxshroud.model.blade import rate_of_motion
-from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.linear import free_rms_displacement
 from jaxshroud.model.prepared import State, initial_state, prepared_model
-from jaxshroud.model.rhs import Recorded, rhs
-from jaxshroud.model.row import along_blades
+from jaxshroud.model.rhs import Recorded
+from jaxshroud.model.row import alone, prepared_row, row_rhs, state_of_row
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.other_parts import with_parts
 from jaxshroud.scene.scene import Scene, without_given
@@ -148,7 +147,7 @@ def adaptive_samples(
 def adaptive_runs(scenes: Scene, periods: int, solver: str, rtol: float) -> ShortRuns:
     """Runs of lanes by an adaptive solver; see `adaptive_samples`."""
     samples, steps = adaptive_samples(scenes, periods, solver, rtol)
-    return ShortRuns(sample_of_users(along_blades(samples)), round(float(np.asarray(steps).mean())))
+    return ShortRuns(sample_of_users(samples), round(float(np.asarray(steps).mean())))
 
 
 def adaptive_gap_slopes(scenes: Scene, periods: int, solver: str, rtol: float) -> np.ndarray:
@@ -160,9 +159,14 @@ def adaptive_gap_slopes(scenes: Scene, periods: int, solver: str, rtol: float) -
     return np.asarray(jax.jvp(power, (without_given(scenes),), (direction(scenes, "shroud.gap"),))[1])
 
 
+def _first_state(scene: Scene) -> State:
+    """The state of a pair at t = 0, along unrolled axes."""
+    return state_of_row(carried_state(initial_state(scene.initial), prepared_model(scene)))
+
+
 def _start(scene: Scene) -> MovingState:
     """The motion and the slider at t = 0."""
-    first = carried_state(initial_state(scene.initial), prepared_model(scene))
+    first = _first_state(scene)
     return first.motion, first.u_s
 
 
@@ -177,15 +181,15 @@ def _lane_period(scene: Scene, moving: MovingState, rtol: float | Scalar, solver
     """One period of one lane, from drive phase 0."""
     import diffrax
 
-    model = prepared_model(scene)
+    model = prepared_row(scene)
     period = scene.drive.period
     omega = scene.drive.omega
-    first = carried_state(initial_state(scene.initial), model)
+    first = _first_state(scene)
 
     def field(t, y, _):
         z, u_s, _ = y
-        Q = drive_waves(jnp.sin(omega * t), jnp.cos(omega * t), model.drive)
-        slope, rates = rhs(Q, State(z, u_s, first.mode, first.case), model, Recorded())
+        wave = jnp.sin(omega * t), jnp.cos(omega * t)
+        slope, rates = row_rhs(wave, State(z, u_s, first.mode, first.case), None, model, Recorded(), alone)
         return rate_of_motion(z, slope.acceleration), slope.u_s, rates.power
 
     no_power = jax.tree.map(jnp.zeros_like, field(0.0, (*moving, None), None)[2])

@@ -4,10 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from pair_views import rates_in
 
 from jaxshroud.model.modes import FLAT, Mode
-from jaxshroud.model.prepared import State, prepared_model
-from jaxshroud.model.rhs import Recorded, rhs
+from jaxshroud.model.prepared import State
+from jaxshroud.model.row import prepared_row
 from jaxshroud.scene.config import load
 from jaxshroud.scene.keys import Motion
 from jaxshroud.verbs.check import check
@@ -78,14 +79,13 @@ def jacobian(scene, case):
 
     The blocks are where their upper corners begin to touch, so that the normal force is zero; they stick.
     """
-    model = prepared_model(scene)
+    row = prepared_row(scene)
     zero, codes = jnp.zeros(()), (jnp.asarray(int(Mode.STICK)), jnp.asarray(case))
 
     @jax.jit
     def accelerations(z):
         motion = Motion(*((z[i], z[i + 1]) for i in range(0, 12, 2)))
-        rates, _ = rhs(((zero,), (zero,)), State(motion, zero, *codes), model, Recorded())
-        return jnp.stack([rate for pair in rates.acceleration for rate in pair])
+        return jnp.stack([a for pair in rates_in(State(motion, zero, *codes), row).acceleration for a in pair])
 
     steps = np.eye(12) * 1e-6
     return np.array([(accelerations(step) - accelerations(-step)) / 2e-6 for step in steps]).T

@@ -9,14 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from exact import CASES, CONSISTENT
+from pair_views import view_in
 
 from jaxshroud.march import events
 from jaxshroud.march.accumulator import Counters, count_event
 from jaxshroud.march.event import GuardEvaluation, first_kind
-from jaxshroud.march.events import Transition, evaluate_guards, transition
+from jaxshroud.march.events import Transition, transition
 from jaxshroud.march.observable import Ending
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.prepared import Model, State, as_pairs, prepared_model
+from jaxshroud.model.prepared import State
+from jaxshroud.model.row import RowModel, prepared_row
 from jaxshroud.scene.scene import Contact
 from jaxshroud.scene.vary import vary
 
@@ -28,7 +30,6 @@ HEIGHT = {1: -H, 2: H, 3: H, 4: -H}
 CONTACTS = (Mode.STICK, Mode.SLIP_PLUS, Mode.SLIP_MINUS)
 SLIPS = CONTACTS[1:]
 SIGMA = {Mode.STICK: 0, Mode.SLIP_PLUS: 1, Mode.SLIP_MINUS: -1}
-STILL = ((jnp.asarray(0.0),), (jnp.asarray(0.0),))  # no drive
 GAP_SIGN = frozenset({"gap_sign"})
 FOUR = AT_LIFT, AT_TURN, AT_HEIGHT, AT_RUB = [
     events.number_of(event) for event in (events.LIFT, events.TURN, events.HEIGHT, events.RUB)
@@ -50,7 +51,7 @@ def sides(scene):
 
 @pytest.fixture(scope="module")
 def ready(scene):
-    return as_pairs(prepared_model(scene))
+    return prepared_row(scene)
 
 
 def held_at(q, rate, mode: Mode, case: int, u_s: float = 0.0) -> State:
@@ -59,31 +60,29 @@ def held_at(q, rate, mode: Mode, case: int, u_s: float = 0.0) -> State:
 
 
 @eqx.filter_jit
-def seen(held: State, model: Model) -> GuardEvaluation:
-    return evaluate_guards(held.motion, STILL, held, model)
+def seen(held: State, row: RowModel) -> GuardEvaluation:
+    return view_in(held, row)
 
 
 @eqx.filter_jit
-def _crossed(held: State, kind: jax.Array, model: Model, late: jax.Array) -> tuple[Transition, GuardEvaluation]:
-    event = transition(
-        held.motion, held, evaluate_guards(held.motion, STILL, held, model), kind, late, jnp.asarray(0.0), model
-    )
-    return event, evaluate_guards(held.motion, STILL, event.after, model)
+def _crossed(held: State, kind: jax.Array, row: RowModel, late: jax.Array) -> tuple[Transition, GuardEvaluation]:
+    event = transition(held.motion, held, view_in(held, row), kind, late, jnp.asarray(0.0), row.pair)
+    return event, view_in(State(held.motion, event.after.u_s, event.after.mode, event.after.case), row)
 
 
-def crossed(held: State, kind: int, model: Model, late: float = 0.0) -> tuple[Transition, GuardEvaluation]:
+def crossed(held: State, kind: int, row: RowModel, late: float = 0.0) -> tuple[Transition, GuardEvaluation]:
     """The transition, and where the corners are after it."""
-    return _crossed(held, jnp.int32(kind), model, jnp.asarray(late))
+    return _crossed(held, jnp.int32(kind), row, jnp.asarray(late))
 
 
-def values(held: State, model: Model) -> np.ndarray:
+def values(held: State, row: RowModel) -> np.ndarray:
     """The guards of the events that end a mode or a case."""
-    guards = seen(held, model).guards
+    guards = seen(held, row).guards
     return np.array([guards.value[kind] for kind in FOUR])
 
 
-def force(view: GuardEvaluation, state: State, model: Model) -> float:
-    return float(model.law.friction_force(view.at.v, view.at.u, state.u_s, state.mode))
+def force(view: GuardEvaluation, state: State, row: RowModel) -> float:
+    return float(row.pair.law.friction_force(view.at.v, view.at.u, state.u_s, state.mode))
 
 
 def inside(sides, mode: Mode, case: int, v=V, height=None, theta=None, v_rate=0.0, u_rate=None, w=0.5) -> State:
@@ -139,7 +138,7 @@ def test_apart_only_the_approach_counts_and_the_case_follows_the_position(sides,
 def test_rates_of_the_guards_are_their_derivatives(scene, reading):
     # Along uniform motion: LIFT, TURN, HEIGHT and RUB in stick depend on the position alone. In slip RUB is itself
     # a rate, that of `slid`.
-    ready = as_pairs(prepared_model(eqx.tree_at(lambda s: s.contact, scene, Contact(scene.contact.k, None, reading))))
+    ready = prepared_row(eqx.tree_at(lambda s: s.contact, scene, Contact(scene.contact.k, None, reading)))
     rng = np.random.default_rng(8)
     q, rate = rng.normal(0, 1e-3, (200, 6)), rng.normal(0, 0.1, (200, 6))
     q[:, 4:] += rng.uniform(-0.3, 0.3, (200, 2))
@@ -149,7 +148,7 @@ def test_rates_of_the_guards_are_their_derivatives(scene, reading):
     def guards_and_derivatives(q, rate, mode, case):
         def guards(q):
             held = State(exact.motion(q, rate), jnp.asarray(1e-4), mode, case)
-            return evaluate_guards(held.motion, STILL, held, ready).guards
+            return view_in(held, ready).guards
 
         return guards(q), jax.jvp(guards, (q,), (rate,))[1]
 
@@ -185,7 +184,7 @@ def test_onset_slips_where_the_corner_is_faster_than_the_limit_grows(sides, read
 
 
 def test_onset_without_friction_slides(sides, scene):
-    ready = as_pairs(prepared_model(vary(scene, "friction.mu", 0.0)))
+    ready = prepared_row(vary(scene, "friction.mu", 0.0))
     for u_rate, mode in ((0.1, Mode.SLIP_PLUS), (-0.1, Mode.SLIP_MINUS)):
         event, _ = crossed(inside(sides, Mode.APART, 3, v=0.0, v_rate=1.0, u_rate=u_rate), AT_LIFT, ready)
         assert int(event.after.mode) == mode
@@ -272,8 +271,8 @@ def test_a_loaded_case_switch_carries_the_stretch(sides, ready, mode, kind, plac
 def test_energy_after_an_event_is_that_of_the_state_after_it(sides, ready):
     # The booked jump and the energy of the new mode are the same function.
     event, after = crossed(inside(sides, Mode.SLIP_PLUS, 1, height=0.0), AT_HEIGHT, ready)
-    w = ready.law.stretch(after.at.v, after.at.u, event.after.u_s, event.after.mode)
-    new = ready.law.stored_energy(after.at.v, w, event.after.mode)
+    w = ready.pair.law.stretch(after.at.v, after.at.u, event.after.u_s, event.after.mode)
+    new = ready.pair.law.stored_energy(after.at.v, w, event.after.mode)
     np.testing.assert_allclose(new - event.energy, (K * V**2 + K_D * (LAG * V) ** 2) / 2, rtol=1e-10)
 
 

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import opinions
 import pytest
+from pair_views import rates_in
 from side_by_side import counts, ends, energy_residual, relative_error, run, scene_of, sizes, with_parts
 
 import jaxshroud as js
@@ -30,7 +31,7 @@ from jaxshroud.march.taylor_trial import face_guards
 from jaxshroud.model.arithmetic import Unrolled, is_zero
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import State, prepared_model
-from jaxshroud.model.rhs import Recorded, rhs
+from jaxshroud.model.rhs import Recorded
 from jaxshroud.model.row import alone, at_only_interface, clusters_of, prepared_row, row_rhs, state_of_row
 from jaxshroud.model.series import Series, polynomial_value, polynomial_value_and_rate
 from jaxshroud.scene.keys import Motion
@@ -128,12 +129,12 @@ def test_series_obey_the_right_hand_side_in_every_mode_and_case(table1, reading)
 @pytest.mark.full
 def test_a_series_of_one_reading_does_not_obey_another(table1):
     # Control: each misprint alone changes the accelerations by far more than the tolerance above.
-    state, numbers, still = held(np.random.default_rng(4)), {}, ((jnp.asarray(0.0),), (jnp.asarray(0.0),))
-    accelerated = jax.vmap(lambda s, m: rhs(still, s, m, Recorded())[0], in_axes=(0, None))
+    state, numbers = held(np.random.default_rng(4)), {}
+    accelerated = jax.vmap(rates_in, in_axes=(0, None))
     for reading in READINGS:
         contact = Contact(None, 2.5, frozenset(reading))
         scene = js.Scene(table1.blades, table1.shroud, contact, table1.friction, table1.drive)
-        numbers[reading] = np.array(jax.tree.leaves(accelerated(state, prepared_model(scene)).acceleration))
+        numbers[reading] = np.array(jax.tree.leaves(accelerated(state, prepared_row(scene)).acceleration))
     scale = np.abs(numbers[()]).max()
     assert all(np.abs(numbers[r] - numbers[()]).max() > 1e-6 * scale for r in READINGS[1:])
 

@@ -6,34 +6,35 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from pair_views import view_in
 
 from jaxshroud.march.event import first_kind
-from jaxshroud.march.events import EVENTS, evaluate_guards, transition
+from jaxshroud.march.events import EVENTS, transition
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.prepared import Model, State, as_pairs, initial_state, prepared_law, prepared_model
+from jaxshroud.model.prepared import State, as_pairs, initial_state, prepared_law
+from jaxshroud.model.row import RowModel, prepared_row
 from jaxshroud.model.spring_contact import BilinearContact, slip_sign
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.vary import vary
 
 K, K_D, MU = 1e6, 1e6, 0.5
 LAW = BilinearContact(*(jnp.asarray(value) for value in (K, K_D, MU, MU * K / K_D)))
-STILL = ((jnp.asarray(0.0),), (jnp.asarray(0.0),))  # no drive
 MODES = jnp.arange(4, dtype=jnp.int32)
 AMPLITUDE, STEPS = 2e-4, 64  # [m]; steps in a quarter of a cycle
 
 
 @eqx.filter_jit
-def led(model: Model, motions: Motion) -> tuple[jax.Array, jax.Array]:
+def led(row: RowModel, motions: Motion) -> tuple[jax.Array, jax.Array]:
     """Friction force and slide along a prescribed motion, under the transitions of `events`."""
 
     def step(held: State, z: Motion) -> tuple[State, tuple[jax.Array, jax.Array]]:
-        view = evaluate_guards(z, STILL, held, model)
+        view = view_in(State(z, held.u_s, held.mode, held.case), row)
         violated = {kind: view.guards.value[kind] > 0 for kind in range(len(EVENTS))}
         due = jnp.any(jnp.stack(list(violated.values())))
-        fired = transition(z, held, view, first_kind(violated), jnp.asarray(0.0), jnp.asarray(0.0), model).after
+        fired = transition(z, held, view, first_kind(violated), jnp.asarray(0.0), jnp.asarray(0.0), row.pair).after
         stayed = State(z, held.u_s, held.mode, held.case)
         held = jax.tree.map(lambda a, b: jnp.where(due, a, b), fired, stayed)
-        return held, (model.law.friction_force(view.at.v, view.at.u, held.u_s, held.mode), view.at.u)
+        return held, (row.pair.law.friction_force(view.at.v, view.at.u, held.u_s, held.mode), view.at.u)
 
     first = Motion._make(jnp.stack(pair) for pair in jax.tree.map(lambda a: a[0], motions))
     return jax.lax.scan(step, as_pairs(initial_state(first)), motions)[1]
@@ -41,7 +42,7 @@ def led(model: Model, motions: Motion) -> tuple[jax.Array, jax.Array]:
 
 def rubbed(scene, N: float) -> tuple[np.ndarray, np.ndarray]:
     """Force and slide over one cycle, after a first one, of the left block led up and down the right one's face."""
-    ready = as_pairs(prepared_model(vary(vary(vary(scene, "contact.k", K), "friction.k_d", K_D), "friction.mu", MU)))
+    ready = prepared_row(vary(vary(vary(scene, "contact.k", K), "friction.k_d", K_D), "friction.mu", MU))
     sides = exact.Sides(*(float(value) for value in vars(scene.shroud).values() if value is not None))
     way = np.concatenate([np.arange(STEPS), np.arange(STEPS, -STEPS, -1), np.arange(-STEPS, 0)])
     u = AMPLITUDE / STEPS * np.tile(way, 2)

@@ -8,14 +8,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import reference
+from pair_views import rates_in
 
 import jaxshroud as js
 from jaxshroud.batch.xla import vmapped
 from jaxshroud.model.arithmetic import of_blade, sincos_turns
-from jaxshroud.model.drive import drive_waves, excitation
+from jaxshroud.model.drive import excitation
 from jaxshroud.model.linear import area, free_power, steady_amplitudes
-from jaxshroud.model.prepared import State, as_pairs, prepared_model
-from jaxshroud.model.rhs import Recorded, rhs
+from jaxshroud.model.prepared import State, as_pairs
+from jaxshroud.model.rhs import Recorded
 from jaxshroud.model.row import prepared_row, row_rhs
 from jaxshroud.model.series import Series
 from jaxshroud.scene.config import parse
@@ -155,7 +156,7 @@ def test_waves_have_the_rates_and_the_series_of_their_harmonics():
             assert float(rate) == pytest.approx(n * math.cos(angle(tau)), abs=1e-14 * (1 + n))
             total = sum(float(terms[k]) * 0.05**k for k in range(16))
             assert total == pytest.approx(math.sin(angle(later)), abs=1e-13)
-    force = of_blade(1, drive)[0].force("y", drive_waves(*sincos_turns(turns), drive)[1])
+    force = of_blade(1, drive)[0].force("y", of_blade(1, drive)[0].wave(*sincos_turns(turns)))
     tau = 2 * math.pi * 0.137
     wanted = sum(float(one.F_y[1]) * math.sin(n * tau + float(one.phase[1])) for n, one in orders.items())
     assert float(force) == pytest.approx(wanted, rel=1e-13)
@@ -222,13 +223,12 @@ def test_a_file_cannot_name_it():
 def test_blades_of_a_row_feel_both_harmonics_as_those_of_a_pair():
     # Apart and at rest the accelerations are the drive alone: those of a row of two are those of the pair, to rounding.
     changes = ["row.blades=2", "row.closed=false", 'drive.phase=["0 deg","180 deg"]', "drive.beta=30 deg"]
-    row, pair = driven_twice(table1(*changes)), prepared_model(driven_twice(table1()))
+    row, pair = driven_twice(table1(*changes)), prepared_row(driven_twice(table1()))
     wave, zero, apart = sincos_turns(jnp.asarray(0.137)), jnp.zeros((2, 1)), jnp.zeros((1, 1), jnp.int32)
     model = jax.tree.map(lambda a: a[..., None], prepared_row(row))
     now = State(Motion(*[zero] * 6), jnp.zeros((1, 1)), apart, apart)
     in_row, _ = row_rhs(tuple(a[None] for a in wave), now, None, model, Recorded(), vmapped)
     still = Motion(*[(jnp.asarray(0.0),) * 2] * 6)
-    alone = State(still, jnp.asarray(0.0), jnp.int32(0), jnp.int32(0))
-    in_pair, _ = rhs(drive_waves(*wave, pair.drive), alone, pair, Recorded())
+    in_pair = rates_in(State(still, jnp.asarray(0.0), jnp.int32(0), jnp.int32(0)), pair, wave)
     for found, wanted in zip(in_row.acceleration, in_pair.acceleration, strict=True):
         np.testing.assert_allclose(found[:, 0], wanted, rtol=1e-14)

@@ -66,7 +66,7 @@ FAULTS = {
         "(self.k * v * v + 0 * self.k_d * w * w) / 2",
         CONTACT,
     ),
-    "action without reaction": Fault("model/rhs.py", "(load.R_x, -load.R_x)", "(load.R_x, load.R_x)", CONTACT),
+    "action without reaction": Fault("model/row.py", "(load.R_x, -load.R_x)", "(load.R_x, load.R_x)", CONTACT),
     "the face does not turn": Fault(
         "model/geometry.py", "lean * cos_A - w_face * at.u", "lean * cos_A + w_face * at.u", CONTACT
     ),
@@ -227,8 +227,8 @@ FAULTS = {
     ),
     "wrong input has status 1": Fault(
         "cli/commands.py",
-        "status, message = 2, one_line(error)",
-        "status, message = 1, one_line(error)",
+        "status = 2",
+        "status = 1",
         "cli/test_commands.py",
     ),
     "a resumed block again": Fault(
