@@ -157,6 +157,11 @@ def shroud_motion(motion: Any, scenes: Scene) -> Motion:
     return Motion._make(along(*shape, numbers) for numbers in (motion.q, motion.rate) for shape in shapes)
 
 
+def modal_motion(modal: np.ndarray) -> ModalMotion:
+    """The motion of modes from their coordinates and rates, (..., 2, n, blades)."""
+    return ModalMotion._make(tuple(np.moveaxis(part, -2, 0)) for part in np.moveaxis(modal, -3, 0))
+
+
 def in_scene_precision(state: State, scene: Scene) -> State:
     """The state as arrays, its real numbers in the precision of the scene."""
     real = scene.drive.omega.dtype

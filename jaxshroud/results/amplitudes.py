@@ -138,12 +138,10 @@ def contact_values(state: "State", prefix: str = "") -> dict[str, Any]:
 
 def stored_state(result: Any, motion: Motion, place: Any = ...) -> "State":
     """The state that a result holds under the names of `contact_values`, at a place of its arrays."""
-    from jaxshroud.model.blade import ModalMotion
+    from jaxshroud.batch.states import modal_motion
     from jaxshroud.model.prepared import State
 
-    own: Any = motion
-    if result.modal is not None:
-        own = ModalMotion._make(tuple(np.moveaxis(part, -2, 0)) for part in np.moveaxis(result.modal[place], -3, 0))
+    own = motion if result.modal is None else modal_motion(result.modal[place])
     u_s, mode = result.u_s, result.mode
     if result.point_mode is not None:
         u_s, mode = result.point_u_s, result.point_mode
