@@ -5,13 +5,6 @@ import verbs_and_scenes as asked
 
 import jaxshroud as js
 
-KEY = "blades.modes[0].zeta"
-REFUSED = {verb: asked.IN_PYTHON[verb] for verb in ("orbit", "branch", "diagnose", "response", "lyapunov")} | {
-    "gradient": lambda scene: js.gradient(scene, [KEY], n_periods=2),
-    "report": lambda scene: js.report(scene, scatters={KEY: "20%"}),
-    "tune": lambda scene: js.tune(scene, {KEY: (0.1, 0.2)}, n_periods=2),
-}
-
 
 def test_every_pair_of_properties_is_in_a_scene(tmp_path):
     assert not asked.missing_pairs()
@@ -28,15 +21,12 @@ def test_the_page_is_that_of_the_answers():
     assert asked.PAGE.read_text("utf-8") == asked.page(answers)
 
 
-def test_verbs_that_read_x_y_and_theta_refuse_blades_by_modes(tmp_path):
+def test_trade_refuses_blades_by_modes(tmp_path):
     file = tmp_path / "scene.toml"
     file.write_text(asked.scene_text(asked.SCENES["P9"]), "utf-8")
-    for verb in REFUSED:
-        for scene in (js.load(file), js.load(file).scene):
-            with pytest.raises(js.InputError, match="blades by modes"):
-                REFUSED[verb](scene)
-    with pytest.raises(js.InputError, match="blades by modes"):
-        js.sweep(js.load(file).scene, asked.SPEEDS, direction="forward", **asked.SHORT)
+    for scene in (js.load(file), js.load(file).scene):
+        with pytest.raises(js.InputError, match="blades by modes"):
+            js.trade(scene, lanes=2)
 
 
 @pytest.mark.full

@@ -21,6 +21,7 @@ from jaxshroud.march.carry import EachLane, Fixed, Lane, PerLane, time_grid
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import stepper_for
 from jaxshroud.model.arithmetic import Scalar, filled, least, total
+from jaxshroud.model.blade import LumpedBlade, ModalMotion
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Means, Moments
@@ -32,13 +33,20 @@ from jaxshroud.scene.scene import Scene
 class Flow(NamedTuple):
     """The result of some drive periods, of any length, of lanes or of one lane: numbers of blades along a last axis."""
 
-    state: State  # with its slider updated
+    state: State  # of the shrouds, with its slider updated
     power: Float[Array, "... blades"]  # mean square displacement over block and time [m^2]
     status: Int[Array, "..."]
     margins: EventMargins | None = None  # so far; None unless the method has `margins`
     coarseness: Scalar | None = None  # see `StepVerdict`; None within a march
     moments: Moments | None = None  # averaged over time; None unless the method has `amplitudes`
     means: Means | None = None  # averaged over time, of the blocks that count; None unless a march has `vibration`
+    own_motion: ModalMotion | None = None  # of the blades' own coordinates, where these are not the shrouds'
+
+    @property
+    def own(self) -> State:
+        """The state with the motion of the blades' own coordinates, which a march can start from."""
+        motion = self.state.motion if self.own_motion is None else self.own_motion
+        return State(motion, self.state.u_s, self.state.mode, self.state.case)
 
 
 FEW_LANES, MANY_LANES = 16, 64  # of a flow of pairs: a loop of fewer does not amortise its dispatch
@@ -70,6 +78,7 @@ def end_flow(lanes: Lane, model: RowModel, time: PerLane, each: EachLane) -> Flo
     status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
     end = canonical(lanes.state, model, each)
     of_blades = on_last_axis(lanes_first((power, moments, means)))
+    own = None if isinstance(model.blades, LumpedBlade) else as_users_have(end, model).motion
     return Flow(
         state=as_users_have(State(model.blades.shroud(end.motion), end.u_s, end.mode, end.case), model),
         power=of_blades[0],
@@ -77,6 +86,7 @@ def end_flow(lanes: Lane, model: RowModel, time: PerLane, each: EachLane) -> Flo
         margins=margins_of_all(lanes.accumulator.margins),
         moments=of_blades[1],
         means=of_blades[2],
+        own_motion=own,
     )
 
 

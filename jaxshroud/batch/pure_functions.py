@@ -149,6 +149,6 @@ def _check_start(scene: Scene, state: State) -> None:
     """Raise InputError if the state is not one of such a scene."""
     layout, points = scene.layout, scene.points
     of_contact = (*layout.interface_shape, points) if points else layout.interface_shape
-    if (jnp.shape(state.motion.x), jnp.shape(state.u_s)) != ((layout.blades,), of_contact):
+    if (jnp.shape(jax.tree.leaves(state.motion)[0]), jnp.shape(state.u_s)) != ((layout.blades,), of_contact):
         at = f"{layout.interfaces}, {points} points each" if points else f"{layout.interfaces}"
         raise InputError(f"Argument `state` must have the motion of {layout.blades} blades and contact at {at}.")

@@ -222,9 +222,9 @@ def period_map(
             None: no bound; smooth contact then has no reverse mode.
 
     Returns:
-        The state, the mean square displacement of both blades, the status and how coarse the step is; NaN where the run
-        stopped, `most_trials` was too small (OUT_OF_TRIALS), numbers are out of their ranges or steps unstable
-        (BAD_INPUT).
+        The state, of blades by modes with their coordinates; the mean square displacement of both blades, the status
+        and how coarse the step is. NaN where the run stopped, `most_trials` was too small (OUT_OF_TRIALS), numbers are
+        out of their ranges or steps unstable (BAD_INPUT).
 
     Raises:
         ValueError: A count is too small, the scene has leading axes, or float64 is not enabled.
@@ -246,7 +246,7 @@ def period_map(
         most = None if most_trials is None else n_periods * most_trials
         flow = differentiable_samples(begin.scene, begin.start, Schedule(n_periods, steps, steps, how, most))
         last = jax.tree.map(lambda a: a[-1], flow)
-        flow = Flow(last.state, jnp.mean(flow.power, axis=0), last.status)
+        flow = Flow(last.own, jnp.mean(flow.power, axis=0), last.status)
     status = status_if_admitted(flow.status, begin.good)
     state, power = nan_where(status != Status.OK, (flow.state, flow.power))
     return Flow(state, power, status, coarseness=begin.coarseness)
@@ -269,4 +269,4 @@ def _plain_period_map(
     lanes, arrived = lax.scan(one_period, begin_flow(scenes, states, method, vmapped), length=n_periods)
     flow = jax.tree.map(lambda a: a[0], end_flow(lanes, model, n_periods * periods, vmapped))
     status = jnp.where((flow.status == Status.OK) & ~jnp.all(arrived), Status.OUT_OF_TRIALS, flow.status)
-    return Flow(flow.state, flow.power, status.astype(flow.status.dtype))
+    return Flow(flow.own, flow.power, status.astype(flow.status.dtype))

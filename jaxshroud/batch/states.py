@@ -17,14 +17,15 @@ from jaxshroud.march.event import GuardEvaluation, any_of, first_kind, present
 from jaxshroud.march.events import transition
 from jaxshroud.march.locate import select
 from jaxshroud.model.arithmetic import ZERO, filled, is_unrolled
-from jaxshroud.model.blade import ModalMotion
+from jaxshroud.model.blade import ModalMotion, modal_blades_of
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode, points_last
 from jaxshroud.model.prepared import Model, State, as_pairs
 from jaxshroud.model.row import at_only_interface
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import COORDINATES, PAIR, Layout
+from jaxshroud.scene.layout import COORDINATES
+from jaxshroud.scene.modes import ModalBlades
 from jaxshroud.scene.scene import Scene
 
 
@@ -65,24 +66,37 @@ def states_apart(scenes: Scene, motion: Motion) -> State:
     """The states of scenes (leading axis) with a motion, apart: where blocks overlap, contact begins at once."""
     like = jnp if is_traced(scenes) else np
     one = scenes.friction.mu  # at each interface
+    real = motion.x.dtype
     nothing = like.zeros_like(one, np.int32)
     points = scenes.contact.points
+    motion = own_motion(motion, scenes)
     if points is None:
-        return State(motion, like.zeros_like(one, motion.x.dtype), nothing, nothing)
+        return State(motion, like.zeros_like(one, real), nothing, nothing)
     shape = (*np.shape(one), points.number)
-    return State(motion, like.zeros(shape, motion.x.dtype), like.zeros(shape, np.int32), nothing)
+    return State(motion, like.zeros(shape, real), like.zeros(shape, np.int32), nothing)
+
+
+def own_motion(motion: Any, scenes: Scene) -> Any:
+    """The motion of the blades' own coordinates, of least norm, that moves the shrouds of scenes (leading axis) so."""
+    modes = scenes.mode_numbers
+    if modes is None:
+        return motion
+    own = modal_blades_of(modes, scenes.parts).carried(motion)
+    real = jax.tree.leaves(motion)[0].dtype
+    return own if is_traced((own, scenes)) else jax.tree.map(lambda a: np.asarray(a, real), own)
 
 
 def carried_state(state: State, model: Model) -> State:
     """A user's state in the form that compiled loops carry."""
-    names = [name.removeprefix("v_") for name in Motion._fields]
 
     def keep(name, pair):
         return tuple(pair[i] if model.parts.has(name, i) else ZERO for i in (0, 1))
 
     motion = as_pairs(state.motion)
     if isinstance(motion, Motion):
-        motion = Motion._make(keep(name, pair) for name, pair in zip(names, motion, strict=True))
+        motion = Motion(**{name: keep(name.removeprefix("v_"), pair) for name, pair in motion._asdict().items()})
+    else:
+        motion = ModalMotion._make(tuple(keep("x", pair) for pair in numbers) for numbers in motion)
     u_s = model.law.carried_slider(state.u_s, state.mode)
     return State(motion, u_s, model.law.carried_mode(state.mode), state.case)
 
@@ -131,42 +145,69 @@ def final_states(state: State) -> State:
 
 
 def shroud_motion(motion: Any, scenes: Scene) -> Motion:
-    """The motion of the shrouds, fields (lanes, blades), of final states of scenes (leading axis)."""
-    modes = scenes.mode_numbers
-    if modes is None:
+    """The motion of the shrouds, fields (..., blades), of that of the own coordinates of the blades of scenes."""
+    if not isinstance(scenes.blades, ModalBlades):
         return motion
 
     def along(name, shape, numbers):
         moves = np.array([scenes.parts.has(name, min(i, 1)) for i in range(scenes.layout.blades)])
-        return moves * sum(np.asarray(a) * q for a, q in zip(shape, numbers, strict=True))
+        return moves * sum(np.asarray(a) * np.asarray(q) for a, q in zip(shape, numbers, strict=True))
 
-    shapes = list(zip(COORDINATES, modes.shapes, strict=True))
+    shapes = list(zip(COORDINATES, scenes.blades.numbers().shapes, strict=True))
     return Motion._make(along(*shape, numbers) for numbers in (motion.q, motion.rate) for shape in shapes)
+
+
+def modal_motion(modal: np.ndarray) -> ModalMotion:
+    """The motion of modes from their coordinates and rates, (..., 2, n, blades)."""
+    return ModalMotion._make(tuple(np.moveaxis(part, -2, 0)) for part in np.moveaxis(modal, -3, 0))
 
 
 def in_scene_precision(state: State, scene: Scene) -> State:
     """The state as arrays, its real numbers in the precision of the scene."""
     real = scene.drive.omega.dtype
-    motion = Motion(**{name: np.asarray(value, real) for name, value in state.motion._asdict().items()})
+    motion = jax.tree.map(lambda a: np.asarray(a, real), own_motion(state.motion, scene))
     return State(
         motion, np.asarray(state.u_s, real), np.asarray(state.mode, np.int32), np.asarray(state.case, np.int32)
     )
 
 
 def to_vector(state: State) -> np.ndarray:
-    """States, the motion with fields (..., blades), as vectors (..., `Layout.state_size`)."""
-    sliders = np.reshape(state.u_s, (*np.shape(state.motion.x)[:-1], -1))
-    return np.concatenate([*state.motion, sliders], axis=-1)
+    """States, the motion of own coordinates with fields (..., blades), as vectors (..., `Scene.state_size`)."""
+    motion = jax.tree.leaves(state.motion)
+    sliders = np.reshape(state.u_s, (*np.shape(motion[0])[:-1], -1))
+    return np.concatenate([*motion, sliders], axis=-1)
 
 
-def from_vector(vector: np.ndarray, mode: Any, case: Any, layout: Layout = PAIR, points: int = 0) -> State:
-    """The inverse of `to_vector`, with so many points of contact of a face, 0 where a corner touches."""
-    blades = layout.blades
-    motion = Motion._make(vector[..., i : i + blades] for i in range(0, 6 * blades, blades))
-    sliders = vector[..., 6 * blades :]
-    if points:
-        return State(motion, sliders.reshape(*vector.shape[:-1], *layout.interface_shape, points), mode, case)
-    return State(motion, layout.at_interfaces(sliders), mode, case)
+def from_vector(vector: np.ndarray, mode: Any, case: Any, scene: Scene) -> State:
+    """The inverse of `to_vector` for states of a scene."""
+    layout, n = scene.layout, scene.coordinates
+    parts = np.split(vector, range(layout.blades, 2 * n * layout.blades + 1, layout.blades), axis=-1)
+    motion = ModalMotion(tuple(parts[:n]), tuple(parts[n:-1]))
+    if not isinstance(scene.blades, ModalBlades):
+        motion = Motion._make(parts[:-1])
+    if scene.points:
+        sliders = parts[-1].reshape(*vector.shape[:-1], *layout.interface_shape, scene.points)
+        return State(motion, sliders, mode, case)
+    return State(motion, layout.at_interfaces(parts[-1]), mode, case)
+
+
+def shroud_rows(vectors: np.ndarray, scene: Scene) -> np.ndarray:
+    """The motions of the shrouds (..., 6 blades) of the state vectors of a scene."""
+    return motion_rows(shroud_motion(from_vector(vectors, None, None, scene).motion, scene))
+
+
+def coordinate_sizes(sizes: np.ndarray, scene: Scene) -> np.ndarray:
+    """The sizes (coordinates,) of the blades' own coordinates that move shrouds by so much in all of x, y, theta.
+
+    `sizes` are of x of all blades, then of y and theta (3 blades,). What does not move the shroud has the size 1.
+    """
+    if not isinstance(scene.blades, ModalBlades):
+        return sizes
+    moves = np.array([[[scene.parts.has(name, 0)]] for name in COORDINATES])
+    shapes = moves * np.array(scene.blades.numbers().shapes, float)  # (3, n, blades)
+    with np.errstate(divide="ignore"):
+        reach = np.sqrt(np.sum(np.divide(shapes, sizes.reshape(3, 1, -1), where=shapes != 0, out=0 * shapes) ** 2, 0))
+        return np.where(reach > 0, 1 / reach, 1.0).ravel()
 
 
 def events_at_start(model: Model) -> int:

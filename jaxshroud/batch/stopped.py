@@ -168,7 +168,8 @@ def _admitted(scene: Scene, state: State, steps: Int[Array, ""], tableau: Tablea
     step = judge_step(scene, steps, tableau)
     good = reduce(jnp.logical_and, [ranges_hold(scene), *starts, step.stable])
     scene, state = replaced_where(~good, (scene, state), 1.0)
-    start = eqx.tree_at(lambda state: state.motion.x, state, jnp.where(good, state.motion.x, jnp.nan))
+    first = jax.tree.leaves(state.motion)[0]
+    start = eqx.tree_at(lambda state: jax.tree.leaves(state.motion)[0], state, jnp.where(good, first, jnp.nan))
     return Admitted(scene, state, start, good, step.coarseness)
 
 

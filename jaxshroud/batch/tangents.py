@@ -14,13 +14,20 @@ import numpy as np
 
 from jaxshroud.activity import counted
 from jaxshroud.batch.differentiable_samples import Schedule, samples_with_tangents
-from jaxshroud.batch.duals import Dual
+from jaxshroud.batch.duals import Dual, with_tangent
 from jaxshroud.batch.flows import begin_flows, end_flows, flow_with_tangents, lanes_per_flow
 from jaxshroud.batch.limits import CallPace, check_memory
 from jaxshroud.batch.marches import require_march
 from jaxshroud.batch.periods import CallLimits, first_passes
 from jaxshroud.batch.plan import Tick
-from jaxshroud.batch.states import from_vector, in_scene_precision, initial_states, motion_rows, to_vector
+from jaxshroud.batch.states import (
+    from_vector,
+    in_scene_precision,
+    initial_states,
+    motion_rows,
+    shroud_motion,
+    to_vector,
+)
 from jaxshroud.batch.threads import Check, in_chunks
 from jaxshroud.batch.xla import best_mapping, repeat_lane
 from jaxshroud.march.method import Choices
@@ -109,15 +116,15 @@ def without_direction(states: State) -> Dual:
 
 def end_as_start(end: Dual) -> Dual:
     """The states at the end of a flow, as initial states of the next."""
-    state, tangent = end.value.state, end.tangent.state
+    state, tangent = end.value.own, end.tangent.own
     return Dual(state, State(tangent.motion, tangent.u_s, None, None))
 
 
 class Tangents(NamedTuple):
     """The flow of a scene over some periods, and its derivatives by the initial state and by some parameters.
 
-    A state is a vector of so many numbers, 13 of the pair: x, y, theta and their rates, each blade by blade, then the
-    sliders.
+    A state is a vector of so many numbers, 13 of the pair: x, y, theta, or the modal coordinates, and their rates, each
+    blade by blade, then the sliders.
     """
 
     end: State
@@ -137,6 +144,10 @@ class Tangents(NamedTuple):
     means: np.ndarray | None = None  # (4, blades)
     means_by_state: np.ndarray | None = None  # (4, blades, numbers)
     means_by_parameter: np.ndarray | None = None  # (4, blades, parameters)
+    # The shrouds at the end: x, y and theta, each blade by blade, and their rates.
+    shroud: np.ndarray | None = None  # (6 blades,)
+    shroud_by_state: np.ndarray | None = None  # (6 blades, numbers)
+    shroud_by_parameter: np.ndarray | None = None  # (6 blades, parameters)
 
 
 class TangentProblem(NamedTuple):
@@ -168,14 +179,14 @@ class TangentProblem(NamedTuple):
         size = scene.state_size
         unit = np.zeros((lanes, size), scene.drive.omega.dtype)
         unit[: self.by_start] = np.eye(size)[: self.by_start]
-        shift = from_vector(unit, None, None, scene.layout, scene.points)
+        shift = from_vector(unit, None, None, scene)
         return Dual(repeat_lane(scene, lanes), along), Dual(repeat_lane(state, lanes), shift)
 
     def tangents(self, flows: Dual) -> Tangents:
         """The tangents from the flow of its lanes."""
         value, slope = flows
         end = jax.tree.map(lambda a: a[0], end_as_start(flows).value)
-        by = to_vector(slope.state)
+        by = to_vector(slope.own)
         count = self.by_start
         power_by = np.ascontiguousarray(slope.power.T)
         found = Tangents(
@@ -189,9 +200,11 @@ class TangentProblem(NamedTuple):
             power_by_parameter=power_by[:, count:],
         )
         more = {}
-        for name, array in (("moments", _moments_array), ("means", _means_array)):
-            if getattr(value, name) is not None:
-                a, a_by = (array(getattr(flow, name)) for flow in flows)
+        arrays = {"moments": _moments_array, "means": _means_array, "shroud": lambda motion: motion_rows(motion).T}
+        parts = [{"shroud": flow.state.motion, "moments": flow.moments, "means": flow.means} for flow in flows]
+        for name, array in arrays.items():
+            if parts[0][name] is not None:
+                a, a_by = (array(part[name]) for part in parts)
                 more |= {name: a[..., 0], f"{name}_by_state": a_by[..., :count]}
                 more |= {f"{name}_by_parameter": a_by[..., count:]}
         return found._replace(**more)
@@ -292,7 +305,7 @@ class SampledMotions(NamedTuple):
     rate: np.ndarray  # their rates
     place_by: np.ndarray  # tangents of the same
     rate_by: np.ndarray
-    end_by: np.ndarray  # (lanes, 13) tangent of the state at the end
+    end_by: np.ndarray  # (lanes, numbers) tangent of the state at the end
 
 
 def motions_with_tangents(scenes: Dual, states: Dual, schedule: Schedule, wanted: int | None = None) -> SampledMotions:
@@ -326,20 +339,28 @@ def _sampled_chunk(scenes: Dual, states: Dual, schedule: Schedule, wanted: int) 
     flow = samples_with_tangents(scenes, states, schedule, wanted)
     value, slope = jax.tree.map(lambda a: np.asarray(a[:, :wanted]), flow)
     stopped = (value.status != Status.OK)[..., None]
-    first = np.concatenate([*states.value.motion], axis=-1), np.concatenate([*states.tangent.motion], axis=-1)
+    first = [motion_rows(motion) for motion in _shrouds_at_start(scenes, states)]
     rows = [motion_rows(flow.state.motion) for flow in (value, slope)]
     rows = [np.where(stopped, np.nan, row) for row in rows]
     (place, rate), (place_by, rate_by) = (
         np.split(np.concatenate([start[:, None], row], axis=1), 2, axis=-1)
         for start, row in zip(first, rows, strict=True)
     )
-    last = jax.tree.map(lambda a: a[:, -1], slope.state)
+    last = jax.tree.map(lambda a: a[:, -1], slope.own)
     return SampledMotions(place, rate, place_by, rate_by, to_vector(last))
+
+
+def _shrouds_at_start(scenes: Dual, states: Dual) -> Dual:
+    """The motion of the shrouds in states, and its direction by those of the states and of the shapes of modes."""
+    start, along = states.value.motion, states.tangent.motion
+    shroud, moved = shroud_motion(start, scenes.value), shroud_motion(along, scenes.value)
+    if shroud is start:
+        return Dual(start, along)
+    return Dual(shroud, jax.tree.map(np.add, moved, shroud_motion(start, scenes.tangent)))
 
 
 def start_duals(scenes: Dual) -> Dual:
     """The initial states of scenes with directions, with the directions of their numbers `initial`."""
     if scenes.value.start != "motion":
         raise InputError("A record is fitted from an initial motion so far: a static start has no derivatives there.")
-    moved = initial_states(scenes.tangent)
-    return Dual(initial_states(scenes.value), State(moved.motion, moved.u_s, None, None))
+    return with_tangent(initial_states, scenes)

@@ -17,6 +17,7 @@ from jaxshroud.scene.schema import PHYSICS_TABLES
 if TYPE_CHECKING:
     import xarray as xr
 
+    from jaxshroud.model.blade import ModalMotion
     from jaxshroud.model.prepared import State
 
 TOUCHING = (Mode.STICK, Mode.SLIP_PLUS, Mode.SLIP_MINUS)
@@ -52,6 +53,8 @@ def stored_end(path: FilePath, scene_file: SceneFile) -> StoredEnd:
     shape = layout.interface_shape
     blades = ("time", "blade"), (layout.blades,)
     motion = Motion._make(_last_sample(path, ds, name, *blades) for name in Motion._fields)
+    if scene_file.scene.mode_numbers is not None:
+        motion = _modal_end(path, ds, (2, scene_file.scene.coordinates, layout.blades))
     case = _last_sample(path, ds, "case", dims, shape).astype(int)
     of_points = ""
     points = scene_file.scene.points
@@ -73,13 +76,24 @@ def stored_end(path: FilePath, scene_file: SceneFile) -> StoredEnd:
     return StoredEnd(_state(motion, u_s, mode, case), t, turns, differences)
 
 
-def _state(motion: Motion, u_s: np.ndarray, mode: np.ndarray, case: np.ndarray) -> "State":
+def _modal_end(path: FilePath, ds: "xr.Dataset", shape: tuple[int, ...]) -> "ModalMotion":
+    """The coordinates of modes at the end, and their rates."""
+    from jaxshroud.batch.states import modal_motion
+
+    modal = ds["modal"].to_numpy() if "modal" in ds else np.empty(0)
+    if modal.shape != shape or not np.isfinite(modal).all():
+        _fail(path, f"its end has not the coordinates of {shape[1]} modes; give a file of the same model")
+    return modal_motion(modal)
+
+
+def _state(motion: "Motion | ModalMotion", u_s: np.ndarray, mode: np.ndarray, case: np.ndarray) -> "State":
+    import jax
     import jax.numpy as jnp
 
     from jaxshroud.model.prepared import State
 
     return State(
-        Motion._make(map(jnp.asarray, motion)),
+        jax.tree.map(jnp.asarray, motion),
         jnp.asarray(u_s),
         jnp.asarray(mode, jnp.int32),
         jnp.asarray(case, jnp.int32),

@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 
 from jaxshroud.model.arithmetic import ZERO, is_zero, summed
 from jaxshroud.model.drive import Excitation, Wave
@@ -209,7 +208,8 @@ def modal_blades_of(modes: ModeNumbers, parts: Parts) -> ModalBlade:
     shapes = [shape if parts.has(name, 0) else None for name, shape in zip(COORDINATES, modes.shapes, strict=True)]
     none = (ZERO,) * len(modes.stiffness)
     moving = [shape for shape in shapes if shape is not None]
-    still = [jnp.where(dot(shape, shape) > 0, 0.0, 1.0) for shape in moving]  # a shape of zeros
+    xp = modes.shapes[0][0].__array_namespace__()
+    still = [xp.where(dot(shape, shape) > 0, 0.0, 1.0) for shape in moving]  # a shape of zeros
     gram = [[dot(a, b) + (still[i] if i == j else 0.0) for j, b in enumerate(moving)] for i, a in enumerate(moving)]
     lifts = iter(tuple(dot(row, column) for column in zip(*moving, strict=True)) for row in inverse_of(gram))
     turn = dot(modes.shapes[2], modes.shapes[2])
@@ -218,7 +218,7 @@ def modal_blades_of(modes: ModeNumbers, parts: Parts) -> ModalBlade:
         damping=modes.damping,
         shapes=tuple(none if shape is None else shape for shape in shapes),
         lift=tuple(none if shape is None else next(lifts) for shape in shapes),
-        I=1 / jnp.where(turn > 0, turn, 1.0),
+        I=1 / xp.where(turn > 0, turn, 1.0),
     )
 
 

@@ -65,10 +65,11 @@ def amplitude_slope(orbit: PeriodicOrbit, amplitude: Amplitude, problem: Tangent
     extremes = farthest_extremes(orbit, amplitude, mean)
     for extreme in extremes:
         at = yield from _tangents_at(extreme, orbit, amplitude, problem)
+        assert at.shroud is not None  # as of all flows
         place = blades * amplitude.row + extreme.blade
         side = 1.0 if extreme.value > mean[extreme.blade] else -1.0
-        moved = (at.by_parameter + at.by_state @ shift)[place]
-        found.append((side * (at.vector[place] - mean[extreme.blade]), side * (moved - mean_by[extreme.blade])))
+        moved = (at.shroud_by_parameter + at.shroud_by_state @ shift)[place]
+        found.append((side * (at.shroud[place] - mean[extreme.blade]), side * (moved - mean_by[extreme.blade])))
     several = len({extreme.blade for extreme in extremes}) > 1
     return largest_level(found, "blades tie" if several else "two peaks")
 
@@ -124,7 +125,7 @@ def _tangents_at(
     rate_index = len(orbit.P) * (len(DISPLACEMENTS) + amplitude.row) + blade
     at = yield _flow_to(turns, orbit, problem)
     for _ in range(MAX_SECANTS):
-        rate = float(at.vector[rate_index])
+        rate = float(at.shroud[rate_index])
         step = -rate * (turns - last) / (rate - last_rate) if rate != last_rate else 0.0
         if abs(step) <= PHASE_TOLERANCE:
             break

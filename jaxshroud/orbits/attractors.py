@@ -7,7 +7,7 @@ import numpy as np
 
 from jaxshroud.batch.plan import Plan, Tick
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import from_vector, motion_rows, to_vector
+from jaxshroud.batch.states import from_vector, motion_rows, shroud_rows, to_vector
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
@@ -52,7 +52,7 @@ class FoundAttractors(NamedTuple):
     label: np.ndarray  # index of the attractor of each lane; -1: undecided, -2: stopped
     ended: LaneEnds
     units: np.ndarray  # (6 blades,) sizes of displacements and rates
-    gap: float  # of the scene, of a row the largest [m]
+    scene: Scene
 
 
 def attractors_of(scene: Scene, states: State, max_periods: int, aim: ShootingOptions, ticker: Tick) -> FoundAttractors:
@@ -69,9 +69,7 @@ def attractors_of(scene: Scene, states: State, max_periods: int, aim: ShootingOp
     attractors = [*periodic, *aperiodic]
     order = sorted(range(len(attractors)), key=lambda i: _place_in_order(attractors[i], end))
     rank = np.append(np.argsort(order), [-2, -1])  # so that -1 and -2 stay
-    return FoundAttractors(
-        [attractors[i] for i in order], rank[label], end, units, float(np.max(scene.running_shroud.gap))
-    )
+    return FoundAttractors([attractors[i] for i in order], rank[label], end, units, scene)
 
 
 def _place_in_order(attractor: Attractor, end: LaneEnds) -> tuple[float, str, float, float]:
@@ -175,11 +173,11 @@ def _differs_by_slider(cycle: PeriodicOrbit, samples: FloatArray, u_s: np.ndarra
     z = to_vector(cycle.start)
     shift = u_s - _free_places(cycle, cycle.start.u_s)
     free = cycle.free_sliders
-    moves = slice(-len(free))
     M = cycle.jacobian.by_state
-    by_sliders = moved_start(M, M[:, len(M) - len(free) :][:, free], free)[moves]
-    unexplained = np.abs(samples - (z[moves] + by_sliders @ shift) / units).max(axis=1)
-    difference = np.abs(samples - z[moves] / units).max(axis=1)
+    by_sliders = moved_start(M, M[:, len(M) - len(free) :][:, free], free)
+    here, there = shroud_rows(np.stack([z, z + by_sliders @ shift]), cycle.scene)
+    unexplained = np.abs(samples - there / units).max(axis=1)
+    difference = np.abs(samples - here / units).max(axis=1)
     return bool(np.any(unexplained <= np.maximum(SLIDER_SHARE * difference, 1e-3)))
 
 
@@ -225,7 +223,7 @@ def _with_sliders(cycle: PeriodicOrbit, u_s: np.ndarray, aim: ShootingOptions) -
     for stride in range(1, SLIDER_MOVES + 1):
         z = to_vector(orbit.start)
         z[places] = begin + (u_s - begin) * stride / SLIDER_MOVES
-        state = from_vector(z, orbit.start.mode, orbit.start.case, cycle.scene.layout, cycle.scene.points)
+        state = from_vector(z, orbit.start.mode, orbit.start.case, cycle.scene)
         orbit = yield from closed_orbit(orbit.scene, state, cycle.q, aim)
         if "not converged" in orbit.flags or not orbit.slider_is_free:
             return None

@@ -240,7 +240,7 @@ def grazing_point(problem: ContinuationProblem, here: BranchPoint, there: Branch
     with a finite speed.
     """
     fewer = min((yield from contact_summary(here)).onsets, (yield from contact_summary(there)).onsets)
-    size = problem.units[0]
+    size = problem.size
     omega = float(problem.scene.drive.omega)
 
     def depth(point: BranchPoint) -> Algorithm[float]:

@@ -12,7 +12,7 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.plan import Plan, Runs
-from jaxshroud.batch.states import from_vector, to_vector
+from jaxshroud.batch.states import coordinate_sizes, from_vector, to_vector
 from jaxshroud.batch.tangents import TangentProblem, Tangents, direction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
@@ -44,6 +44,11 @@ class ContinuationProblem(NamedTuple):
         return self.high - self.low
 
     @property
+    def size(self) -> float:
+        """The size of x [m]."""
+        return float(self.units[-1] / SLIDER_SCALE)
+
+    @property
     def along_parameter(self) -> np.ndarray:
         """The axis of the parameter, (numbers + 1,)."""
         return np.eye(len(self.units) + 1)[-1]
@@ -51,7 +56,7 @@ class ContinuationProblem(NamedTuple):
     @property
     def weights(self) -> np.ndarray:
         """The weights (numbers,) that undo the unit of sliders in closing errors."""
-        place = np.arange(len(self.units)) < 6 * self.scene.layout.blades
+        place = np.arange(len(self.units)) < len(self.units) - self.scene.sliders
         return np.where(place, 1.0, SLIDER_SCALE)
 
     def at(self, value: float) -> Scene:
@@ -94,9 +99,10 @@ def continuation_problem(
     """The continuation from an orbit, in units of the largest values on it."""
     runs: Runs = yield Periods(orbit.scene, orbit.start, Plan(0, orbit.q, aim.steps, 0.0, aim.method))
     place = period_maxima(runs.samples)[0].max(axis=0).reshape(3, len(orbit.P)).max(axis=1)
-    place = np.repeat(np.where(place > 0, place, 1.0), len(orbit.P))
-    sliders = np.full(len(orbit.multipliers) - 2 * len(place), SLIDER_SCALE * place[0])
-    units = np.concatenate([place, place * float(orbit.scene.drive.omega), sliders])
+    place = np.where(place > 0, place, 1.0)
+    sliders = np.full(orbit.scene.sliders, SLIDER_SCALE * place[0])
+    sizes = coordinate_sizes(np.repeat(place, len(orbit.P)), orbit.scene)
+    units = np.concatenate([sizes, sizes * float(orbit.scene.drive.omega), sliders])
     return ContinuationProblem(orbit.scene, key, low, high, aim, units)
 
 
@@ -159,7 +165,7 @@ def _closed_point(
 def _state_at(problem: ContinuationProblem, y: np.ndarray, like: State) -> State:
     """The state of a point, with the contact modes and cases of another."""
     numbers = (y[:-1] * problem.units).astype(problem.scene.drive.omega.dtype)
-    return from_vector(numbers, like.mode, like.case, problem.scene.layout, problem.scene.points)
+    return from_vector(numbers, like.mode, like.case, problem.scene)
 
 
 def _jacobian(problem: ContinuationProblem, tangents: Tangents) -> np.ndarray:

@@ -18,12 +18,11 @@ from jaxshroud.batch.plan import Plan, Tick
 from jaxshroud.batch.states import final_states, from_vector, to_vector
 from jaxshroud.batch.tangents import TangentProblem, end_as_start, run_flow
 from jaxshroud.march.method import Choices
+from jaxshroud.model.linear_system import coordinates_that_move
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State, law_type
 from jaxshroud.orbits.batched_algorithms import Algorithm, Derivatives, Periods
 from jaxshroud.orbits.orbit import free_sliders
-from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.scene import Scene
 from jaxshroud.signals.statistics import confidence_interval
 
@@ -62,15 +61,13 @@ class StatePlaces(NamedTuple):
 
 def state_places(scene: Scene) -> StatePlaces:
     """The places of the numbers of the state of a scene."""
-    parts, blades = scene.parts, scene.layout.blades
-    places = np.arange(6 * blades).reshape(2, len(COORDINATES), blades)
-    moves = [[parts.has(name, blade) for blade in range(blades)] for name in COORDINATES]
+    moves = np.tile(coordinates_that_move(scene), 2)
     law = law_type(scene)
     if scene.laws is not None:
         rubs = scene.laws.has_friction
     else:
-        rubs = law.has_stick or ((law.flows or law.has_points) and parts.friction == "bilinear")
-    return StatePlaces(places[:, np.array(moves)].ravel(), 6 * blades + np.arange(scene.sliders if rubs else 0))
+        rubs = law.has_stick or ((law.flows or law.has_points) and scene.parts.friction == "bilinear")
+    return StatePlaces(np.flatnonzero(moves), len(moves) + np.arange(scene.sliders if rubs else 0))
 
 
 def lyapunov_exponents(
@@ -188,10 +185,15 @@ def mean_exponents(rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 def energy_units(scene: Scene) -> np.ndarray:
     """Displacements, rates and slider positions (..., numbers) of equal energy: tangents hardly oscillate in them."""
-    b = scene.running_blades
-    soft = [1 / np.sqrt(np.asarray(a)) for a in (b.k_x, b.k_y, b.k_T, b.m, b.inertia_y, b.I)]
+    b, modes = scene.running_blades, scene.mode_numbers
+    stiffness, mass = (b.k_x, b.k_y, b.k_T), (b.m, b.inertia_y, b.I)
+    if modes is not None:
+        slow = np.asarray(scene.drive.omega)[..., None] ** 2  # in the place of 0, that of a rigid motion
+        stiffness = [np.where(np.asarray(k) > 0, k, slow) for k in modes.stiffness]
+        mass = np.ones_like(stiffness)
+    soft = [1 / np.sqrt(np.asarray(a, float)) for a in (b.k_x, *stiffness, *mass)]
     sliders = np.repeat(soft[0][..., :1], scene.sliders, axis=-1)
-    return np.concatenate([np.asarray(a, float) for a in (*soft, sliders)], axis=-1)
+    return np.concatenate([*soft[1:], sliders], axis=-1)
 
 
 def _are_aligned(grown: np.ndarray, each: bool) -> bool:
@@ -258,14 +260,14 @@ def largest_exponents(
         tangents = np.where(np.isfinite(tangents), tangents, 0.0).astype(scenes.drive.omega.dtype)
         flows = run_flow(
             Dual(scenes, no_change),
-            Dual(states, from_vector(tangents, None, None, scenes.layout, scenes.points)),
+            Dual(states, from_vector(tangents, None, None, scenes)),
             RENORMALIZATION_PERIODS,
             steps,
             method,
         )
         status = np.where(status == Status.OK, flows.value.status, status)
         states = end_as_start(flows).value
-        tangents = to_vector(flows.tangent.state)
+        tangents = to_vector(flows.tangent.own)
         with np.errstate(divide="ignore", invalid="ignore"):
             grown = np.log(np.linalg.norm(tangents / unit, axis=1)) / RENORMALIZATION_PERIODS
         growth[:, i] = np.where(status == Status.OK, grown, np.nan)
@@ -290,50 +292,48 @@ class NearbyGrowth(NamedTuple):
 
 
 def nearby_growth(
-    states: State, size: Motion, period_of: Callable[[State], tuple[State, bool]], periods: int
+    scene: Scene, states: State, size: np.ndarray, period_of: Callable[[State], tuple[State, bool]], periods: int
 ) -> NearbyGrowth:
     """The growth over so many periods.
 
     Args:
+        scene: The scene.
         states: The state of one lane (leading axis) at drive phase 0.
-        size: Of each number of the motion, for its distance; 0 of those that do not move.
+        size: Of each number of a state (numbers,), for its distance; 0 of those that do not move.
         period_of: The state after a period, and whether the run goes on.
         periods: Drive periods, after those for alignment.
     """
-    drawn = np.random.default_rng(SEED).standard_normal((len(Motion._fields), *np.shape(states.motion.x)))
+    motion = scene.state_size - scene.sliders
+    drawn = np.append(np.random.default_rng(SEED).standard_normal(motion), np.zeros(scene.sliders))
     here = states
-    there = _moved_by(
-        here, Motion._make(a * s for a, s in zip(drawn, size, strict=True)), np.zeros_like(here.u_s), size
-    )
+    there = _moved_by(scene, here, drawn * size, size)
     growth = []
     for _ in range(ALIGNED + periods):
         (here, goes), (there, also) = period_of(here), period_of(there)
         if not (goes and also):
             return NearbyGrowth(np.nan, np.nan, 0)
-        motion, u_s = _difference(here, there)
-        distance = _sized_distance(motion, u_s, size)
+        difference = _difference(here, there)
+        distance = _sized_distance(difference, size)
         growth.append(np.log(distance / NEARBY) if distance > LEAST_DISTANCE else np.nan)
-        there = _moved_by(here, motion, u_s, size)
+        there = _moved_by(scene, here, difference, size)
     kept = np.array(growth[ALIGNED:])
     return NearbyGrowth(float(kept.mean()), float(confidence_interval(kept[None])[0]), periods)
 
 
-def _difference(here: State, there: State) -> tuple[Motion, np.ndarray]:
-    """The difference of two states; of sliders where both stick or slip alike."""
-    motion = jax.tree.map(lambda a, b: np.asarray(b) - np.asarray(a), here.motion, there.motion)
+def _difference(here: State, there: State) -> np.ndarray:
+    """The difference of two states as a vector; of sliders where both stick or slip alike."""
     case, mode = np.asarray(here.case) == there.case, np.asarray(here.mode) == there.mode
     alike = mode & (case if case.ndim == mode.ndim else case[..., None])  # of several points each
-    return motion, np.where(alike, np.asarray(there.u_s) - np.asarray(here.u_s), 0.0)
+    u_s = np.where(alike, there.u_s, here.u_s)
+    return to_vector(State(there.motion, u_s, there.mode, there.case)) - to_vector(here)
 
 
-def _sized_distance(motion: Motion, u_s: np.ndarray, size: Motion) -> float:
-    """The distance in sizes of the motion; sliders in those of x."""
-    lengths = [*zip(motion, size, strict=True), (u_s, size.x)]
-    return float(np.sqrt(sum(np.sum((a / s) ** 2) for a, s in lengths if s > 0)))
+def _sized_distance(difference: np.ndarray, size: np.ndarray) -> float:
+    """The distance in sizes of the motion."""
+    return float(np.linalg.norm(difference / np.where(size > 0, size, np.inf)))
 
 
-def _moved_by(state: State, motion: Motion, u_s: np.ndarray, size: Motion) -> State:
+def _moved_by(scene: Scene, state: State, difference: np.ndarray, size: np.ndarray) -> State:
     """A state moved by `NEARBY` in the direction of a difference."""
-    share = NEARBY / max(_sized_distance(motion, u_s, size), np.finfo(float).tiny)
-    moved = jax.tree.map(lambda a, d: np.asarray(a) + share * d, state.motion, motion)
-    return State(moved, np.asarray(state.u_s) + share * u_s, state.mode, state.case)
+    share = NEARBY / max(_sized_distance(difference, size), np.finfo(float).tiny)
+    return from_vector(to_vector(state) + share * difference, state.mode, state.case, scene)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxshroud.batch.states import coordinate_sizes
 from jaxshroud.batch.tangents import Tangents
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import Choices
@@ -111,8 +112,7 @@ def _state_units(scene: Scene) -> np.ndarray:
     `half_diagonal`, with which `conditioning` and `doubt` would change.
     """
     lever = np.hypot(float(scene.shroud.l_oa), float(scene.shroud.l_ab)) / 2
-    blades = scene.layout.blades
-    place = np.repeat([1.0, 1.0, 1 / lever], blades)
+    place = coordinate_sizes(np.repeat([1.0, 1.0, 1 / lever], scene.layout.blades), scene)
     sliders = np.ones(scene.sliders)
     return np.concatenate([place, float(scene.drive.omega) * place, sliders])
 

@@ -9,7 +9,7 @@ from numpy.typing import DTypeLike
 from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.plan import Plan
-from jaxshroud.batch.states import final_states, from_vector, motion_rows, to_vector
+from jaxshroud.batch.states import coordinate_sizes, final_states, from_vector, motion_rows, shroud_rows, to_vector
 from jaxshroud.batch.stepped_runs import select_lanes
 from jaxshroud.batch.tangents import TangentProblem, Tangents, run_flow, without_direction
 from jaxshroud.batch.xla import repeat_lane
@@ -130,23 +130,23 @@ def _approximate_period(samples: np.ndarray, sizes: np.ndarray, lever: float, pr
 
 def state_scales(scene: Scene, state: State) -> np.ndarray:
     """The sizes that the numbers of a state at drive phase 0 must reach on its motion, as units."""
-    return _scales(scene, to_vector(state)[None])
+    return _scales(scene, shroud_rows(to_vector(state)[None], scene))
 
 
 def _scales(scene: Scene, samples: np.ndarray) -> np.ndarray:
-    """The largest value of each quantity over samples (n, numbers) and all blades; for the sliders that of x.
+    """The largest value of each quantity over samples (n, 6 blades) and all blades; for the sliders that of x.
 
     A quantity that is small at drive phase 0 gets the size that it must reach: no motion is slower than the drive, nor
     faster than its stiffest spring.
     """
     omega_max, period = stiffest(scene, 0)
     blades = scene.layout.blades
-    place, rate = np.abs(samples[:, : 6 * blades]).reshape(-1, 2, 3, blades).max(axis=(0, 3))
+    place, rate = np.abs(samples).reshape(-1, 2, 3, blades).max(axis=(0, 3))
     place = np.maximum(place, rate / omega_max)
     rate = np.maximum(rate, 2 * np.pi / period * place)
-    size = np.concatenate([place, rate])
+    sizes = [np.repeat(np.where(size > 0, size, 1.0), blades) for size in (place, rate)]
     sliders = np.full(scene.sliders, place[0] or 1.0)
-    return np.append(np.repeat(np.where(size > 0, size, 1.0), blades), sliders)
+    return np.concatenate([*(coordinate_sizes(size, scene) for size in sizes), sliders])
 
 
 def _shoot(
@@ -175,7 +175,7 @@ def _shoot(
             break
         step = _shooting_step(tangents.by_state * sizes / sizes[:, None], miss, free)
         z = (z + sizes * step).astype(z.dtype)
-        state = from_vector(z, tangents.end.mode, tangents.end.case, scene.layout, scene.points)
+        state = from_vector(z, tangents.end.mode, tangents.end.case, scene)
     assert best is not None
     return best._replace(updates=updates)
 
@@ -231,7 +231,7 @@ def nearby_orbits(orbit: PeriodicOrbit, scenes: Scene, *, vibration: bool = Fals
         flows = run_flow(
             Dual(scenes, no_change), without_direction(states), orbit.q, orbit.steps_per_period, method
         ).value
-        z, end = to_vector(states), to_vector(flows.state)
+        z, end = to_vector(states), to_vector(flows.own)
         miss = np.max(np.abs(end - z) / sizes, axis=1)
         improved = miss < smallest
         power[improved], smallest[improved] = flows.power[improved], miss[improved]
@@ -241,7 +241,7 @@ def nearby_orbits(orbit: PeriodicOrbit, scenes: Scene, *, vibration: bool = Fals
         if not improved.any():
             break
         step = moved_start(orbit.jacobian.by_state, (end - z).T, orbit.free_sliders).T
-        states = from_vector(z + step, flows.state.mode, flows.state.case, scenes.layout, scenes.points)
+        states = from_vector(z + step, flows.state.mode, flows.state.case, scenes)
     closed = smallest <= FOLLOWED_TOLERANCE[orbit.method.precision]
     return NearbyOrbits(starts, np.where(closed[:, None], power, np.nan), means)
 

@@ -1,10 +1,8 @@
 """Runs from random starts, in the range of the motion without contact, until each lane has settled."""
 
-from functools import partial
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.plan import Plan, Runs, Tick
@@ -73,8 +71,7 @@ def random_starts(scene: Scene, n: int, seed: int, spread: float) -> State:
         if len(starts) >= n:
             break
     starts = np.concatenate([starts, draws])[:n]  # with interference nearly all overlap
-    motions = Motion._make(jnp.asarray(a) for a in np.moveaxis(starts, 1, 0))
-    return jax.vmap(partial(initial_state, points=scene.points))(motions)
+    return states_apart(repeat_lane(scene, n), Motion._make(np.moveaxis(starts, 1, 0)))
 
 
 def _overlap(scene: Scene, motions: Motion):

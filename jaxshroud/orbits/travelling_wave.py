@@ -93,7 +93,7 @@ def travelling_wave(orbit: PeriodicOrbit) -> Algorithm[TravellingWave | None]:
     part: Tangents = yield Derivatives(problem, 1, orbit.steps_per_period, orbit.method, 1 / symmetry.parts)
     if part.status != Status.OK or not np.all(np.isfinite(part.by_state)):
         return None
-    order = shifted_places(len(orbit.P), len(part.vector), symmetry.shift)
+    order = shifted_places(orbit.scene, symmetry.shift)
     assert orbit.jacobian is not None  # there is an orbit
     start = orbit.jacobian.vector  # with the sliders that the modes determine
     residual = float(np.max(np.abs(part.vector[order] - start) / state_scales(orbit.scene, orbit.start)))
@@ -108,10 +108,11 @@ def _multipliers_of(jacobian: np.ndarray) -> np.ndarray:
     return multipliers[np.argsort(-np.abs(multipliers))]
 
 
-def shifted_places(blades: int, size: int, shift: int) -> np.ndarray:
-    """The places (size,) from which the numbers of a ring's state come when blade i takes over blade i - shift."""
-    places = np.arange(size)
-    motion = 6 * blades
+def shifted_places(scene: Scene, shift: int) -> np.ndarray:
+    """The places from which the numbers of a ring's state come when blade i takes over blade i - shift."""
+    blades = scene.layout.blades
+    places = np.arange(scene.state_size)
+    motion = scene.state_size - scene.sliders
     turned = np.roll(places[:motion].reshape(-1, blades), shift, axis=1)
     sliders = np.roll(places[motion:].reshape(blades, -1), shift, axis=0)  # of each interface, point by point
     return np.concatenate([turned.ravel(), sliders.ravel()])

@@ -91,7 +91,7 @@ def _zero_one_of_series(phi: FloatArray, near: float) -> float:
 
 
 PERTURBED_COPIES = 32
-PERTURBATION = 1e-4  # largest relative perturbation of x
+PERTURBATION = 1e-4  # largest relative perturbation of x, or of the first modal coordinate
 RETURN_PERIODS = 4 * RETURN_WINDOW  # last periods, in which a copy must return
 CONSTANT_TOLERANCE = 1e-6  # of a displacement's size: samples that vary less are constant for the 0-1 test
 
@@ -109,8 +109,8 @@ def settled_copies(scenes: Scene, states: State, periods: int, aim: ShootingOpti
     lanes = len(scenes.drive.omega)
     copies, starts = jax.tree.map(lambda a: np.repeat(np.asarray(a), PERTURBED_COPIES, axis=0), (scenes, states))
     factors = 1 + PERTURBATION * np.random.default_rng(0).uniform(-1, 1, (PERTURBED_COPIES, 1))
-    x = np.asarray(starts.motion.x) * np.tile(factors, (lanes, 1))
-    starts = eqx.tree_at(lambda s: s.motion.x, starts, x.astype(scenes.drive.omega.dtype))
+    x = np.asarray(jax.tree.leaves(starts.motion)[0]) * np.tile(factors, (lanes, 1))
+    starts = eqx.tree_at(lambda s: jax.tree.leaves(s.motion)[0], starts, x.astype(scenes.drive.omega.dtype))
     kept = min(RETURN_PERIODS, periods)
     runs = run_lanes(copies, starts, Plan(periods - kept, kept, aim.steps, 0.0, aim.method), lambda _: None)
     near = closing_tolerances_of(copies, runs.samples, RETURN_TOLERANCE, aim.method.precision)

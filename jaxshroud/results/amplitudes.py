@@ -22,6 +22,7 @@ FREE = "amplitude of {} without contact, closed form"
 FREE_RMS = "root mean square of {} about its mean without contact, closed form"
 EACH = ("interface",)
 AT_POINTS = ("interface", "point")  # the dimensions of quantities of each point
+OF_MODES = ("order", "of_mode", "blade")  # the coordinates of modes, and their rates
 ENERGY_DROPPED = "largest energy dropped in a period by beginnings of flat contact, over the drive's gross work"
 
 
@@ -121,7 +122,7 @@ def largest_of_lanes(ok: np.ndarray, quantities: Mapping[str, np.ndarray | None]
 
 
 def contact_values(state: "State", prefix: str = "") -> dict[str, Any]:
-    """The slider, the mode and the case of a state by the names of results, which begin with a `prefix`."""
+    """The contact of a state by the names of results, which begin with a `prefix`, and the coordinates of modes."""
     from jaxshroud.model.points_contact import by_point, interface_mode
 
     mode, case, u_s = np.asarray(state.mode), np.asarray(state.case), np.asarray(state.u_s)
@@ -130,14 +131,18 @@ def contact_values(state: "State", prefix: str = "") -> dict[str, Any]:
     else:
         of_face = np.asarray(interface_mode(by_point(mode, case)))
         rows = {"mode": of_face, "case": case, "point_u_s": u_s, "point_mode": mode}
+    if not isinstance(state.motion, Motion):
+        rows["modal"] = np.stack([np.stack(part, axis=-2) for part in state.motion], axis=-3)
     return {f"{prefix}{name}": value for name, value in rows.items()}
 
 
 def stored_state(result: Any, motion: Motion, place: Any = ...) -> "State":
     """The state that a result holds under the names of `contact_values`, at a place of its arrays."""
+    from jaxshroud.batch.states import modal_motion
     from jaxshroud.model.prepared import State
 
+    own = motion if result.modal is None else modal_motion(result.modal[place])
     u_s, mode = result.u_s, result.mode
     if result.point_mode is not None:
         u_s, mode = result.point_u_s, result.point_mode
-    return State(motion, np.asarray(u_s)[place], np.asarray(mode)[place], np.asarray(result.case)[place])
+    return State(own, np.asarray(u_s)[place], np.asarray(mode)[place], np.asarray(result.case)[place])

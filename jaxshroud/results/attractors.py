@@ -8,7 +8,7 @@ import numpy as np
 from jaxshroud.io.lane_status import FLAGS
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, ComplexVariable, Entry, MotionVariable, Variable
-from jaxshroud.results.amplitudes import AT_POINTS, EACH, contact_values
+from jaxshroud.results.amplitudes import AT_POINTS, EACH, OF_MODES, contact_values
 from jaxshroud.results.base import Result
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import Layout
@@ -94,6 +94,7 @@ class Attractors(Result):
     case = Variable("contact case there", None, EACH)
     point_u_s = Variable("slider of each point there", "m", AT_POINTS)
     point_mode = Variable("contact mode of each point there", None, AT_POINTS)
+    modal = Variable("coordinates of modes and their rates there", None, OF_MODES)
     path_x = Variable("x of the first blade along it", "m", ("along",))
     path_v_x = Variable("v_x of the first blade along it", "m s-1", ("along",))
     P_d_worst = Variable("least reduction of any blade of a row, of any start", "percent")
@@ -230,15 +231,18 @@ def share_interval(count: np.ndarray, total: int) -> tuple[np.ndarray, np.ndarra
 
 def attractor_values(found: "FoundAttractors", paths: Sequence[np.ndarray]) -> dict[str, object]:
     """The values of all attractors, and the attractor on which each start ends."""
+    from jaxshroud.batch.states import shroud_motion
     from jaxshroud.orbits.attractors import nearest_distances
 
     ends, starts = found.ended, found.label.size
-    rows = [_attractor_row(one, ends, path) for one, path in zip(found.attractors, paths, strict=True)]
-    template = rows[0] if rows else _empty_row(ends.state)
-    shapes = {name: np.shape(value) for name, value in template.items() if name != "motion"}
+    size = found.scene.state_size
+    rows = [_attractor_row(one, ends, path, size) for one, path in zip(found.attractors, paths, strict=True)]
+    template = rows[0] if rows else _empty_row(ends.state, size)
+    shapes = {name: np.shape(value) for name, value in template.items()}
     values = {name: np.array([row[name] for row in rows]).reshape(len(rows), *shapes[name]) for name in shapes}
     blades = found.units.size // 6
-    fields = [np.array([row["motion"][i] for row in rows]).reshape(-1, blades) for i in range(6)]
+    motions = [shroud_motion(attractor.state.motion, found.scene) for attractor in found.attractors]
+    fields = [np.array([motion[i] for motion in motions]).reshape(-1, blades) for i in range(6)]
     low, high = share_interval(values["starts"], starts)
     return {
         **values,
@@ -249,19 +253,18 @@ def attractor_values(found: "FoundAttractors", paths: Sequence[np.ndarray]) -> d
         "distance": nearest_distances(found.attractors),
         "label": found.label,
         "status": ends.status,
-        "gap": float(found.gap) if found.attractors else None,
+        "gap": float(np.max(found.scene.running_shroud.gap)) if found.attractors else None,
     }
 
 
-def _attractor_row(attractor: "Attractor", ends: "LaneEnds", path: np.ndarray) -> dict[str, Any]:
-    """The values of one attractor."""
+def _attractor_row(attractor: "Attractor", ends: "LaneEnds", path: np.ndarray, size: int) -> dict[str, Any]:
+    """The values of one attractor of a scene whose state has so many numbers."""
     lanes, cycle = attractor.lanes, attractor.cycle
     P_d, ci = ends.P_d[lanes], ends.ci[lanes]
     mean, vibration = float(P_d.mean()), float(ends.P_d_vibration[lanes].mean())
     if cycle is not None and attractor.kind == "periodic":
         mean, vibration = cycle.P_d, cycle.P_d_vibration
     is_family = cycle is not None and attractor.kind != "periodic"
-    numbers = np.size(attractor.state.motion) + np.size(attractor.state.u_s)
     return {
         "kind": ATTRACTOR_KINDS.index(attractor.kind),
         "period_number": attractor.q,
@@ -271,20 +274,18 @@ def _attractor_row(attractor: "Attractor", ends: "LaneEnds", path: np.ndarray) -
         "P_d_ci": 0.0 if cycle is not None else float(np.sqrt(np.nanmean(ci**2) / len(lanes))),
         "P_d_least": float(P_d.min()) if is_family else mean,
         "P_d_most": float(P_d.max()) if is_family else mean,
-        "multipliers": np.full(numbers, np.nan + 0j) if cycle is None else cycle.multipliers,
+        "multipliers": np.full(size, np.nan + 0j) if cycle is None else cycle.multipliers,
         "residual": np.nan if cycle is None else cycle.residual,
-        "motion": attractor.state.motion,
         **contact_values(attractor.state),
         **_path_columns(path),
     }
 
 
-def _empty_row(states: "State") -> dict[str, Any]:
+def _empty_row(states: "State", size: int) -> dict[str, Any]:
     """Values of the shapes that those of an attractor have, by the states of starts (leading axis)."""
     numbers = dict.fromkeys(ATTRACTOR_NUMBERS, 0)
     of_contact = {name: a[0] for name, a in contact_values(states).items()}
-    multipliers = np.zeros(np.size(states.motion[0][0]) * 6 + np.size(states.u_s[0]), complex)
-    return {**numbers, **of_contact, **_path_columns(np.empty((0, 2))), "multipliers": multipliers}
+    return {**numbers, **of_contact, **_path_columns(np.empty((0, 2))), "multipliers": np.zeros(size, complex)}
 
 
 def _path_columns(path: np.ndarray) -> dict[str, np.ndarray]:

@@ -10,7 +10,7 @@ from jaxshroud.io.scene_numbers import key_attrs
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, ComplexVariable, MotionVariable, Variable
 from jaxshroud.model.modes import BIFURCATION_KINDS, MULTIPLIER_KINDS, WAVE_RESIDUAL
-from jaxshroud.results.amplitudes import WithAmplitudes, contact_values, stored_state
+from jaxshroud.results.amplitudes import OF_MODES, WithAmplitudes, contact_values, stored_state
 from jaxshroud.results.base import Result
 from jaxshroud.results.orbit import component_names
 from jaxshroud.scene.keys import Motion
@@ -81,6 +81,7 @@ class Branch(WithAmplitudes, Result):
     case = Variable("contact case at drive phase 0", None, ("interface",))
     point_u_s = Variable("slider of each point of contact at drive phase 0", "m", OF_CONTACT_POINTS)
     point_mode = Variable("contact mode of each point of contact at drive phase 0", None, OF_CONTACT_POINTS)
+    modal = Variable("coordinates of modes and their rates at drive phase 0", None, OF_MODES)
     samples = Variable("x, y [m] and theta [rad] at the end of each period", None, ("turn", "displacement"))
     P = Variable("average power, Eq. (23)", "m4", ("blade",))
     P_d = Variable("vibration-power reduction of the left blade, or of a row, Eq. (24)", "percent")
@@ -247,6 +248,7 @@ class Branch(WithAmplitudes, Result):
 
 def _branch_row(number: int, i: int, branch: "ContinuedBranch", turns: int) -> dict[str, Any]:
     """The values of point `i` of a branch, with its samples filled up to `turns`."""
+    from jaxshroud.batch.states import shroud_motion
     from jaxshroud.model.linear import power_reduction
 
     point, touch = branch.points[i], branch.touches[i]
@@ -263,7 +265,7 @@ def _branch_row(number: int, i: int, branch: "ContinuedBranch", turns: int) -> d
         "branch": number,
         "kind": BIFURCATION_KINDS.index(point.kind or "regular"),
         "stable": bool(np.all(np.abs(point.multipliers) < 1)),
-        "motion": cycle.start.motion,
+        "motion": shroud_motion(cycle.start.motion, cycle.scene),
         **contact_values(cycle.start),
         "samples": samples,
         "slider_is_free": any(point.free),

@@ -9,7 +9,7 @@ from jaxshroud.io.lane_status import FLAGS, status_name
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, ComplexVariable, MotionVariable, Variable, lanes_in_shape, lanes_in_words
 from jaxshroud.model.modes import Status
-from jaxshroud.results.amplitudes import AT_POINTS, contact_values, stored_state
+from jaxshroud.results.amplitudes import AT_POINTS, OF_MODES, contact_values, stored_state
 from jaxshroud.results.base import Labels, Result
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.typed import typed
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from jaxshroud.model.prepared import State
     from jaxshroud.orbits.lyapunov import Exponents
     from jaxshroud.plotting.style import AppearanceOptions
-    from jaxshroud.scene.layout import Layout
+    from jaxshroud.scene.scene import Scene
 
 EXPONENTS = "Lyapunov exponents per drive period; -inf: forgotten altogether, NaN: not resolved"
 NO_INTERVAL = "half width of the 95 % interval; NaN where there is none"
@@ -50,21 +50,27 @@ class Lyapunov(Result):
     case = Variable("contact case at the end", None, ("interface",))
     point_u_s = Variable("slider of each point at the end", "m", AT_POINTS)
     point_mode = Variable("contact mode of each point at the end", None, AT_POINTS)
+    modal = Variable("coordinates of modes and their rates at the end", None, OF_MODES)
 
     @classmethod
     def of_exponents(
-        cls, exponents: "Sequence[Exponents]", shape: tuple[int, ...], layout: "Layout", **labels: Unpack[Labels]
+        cls,
+        exponents: "Sequence[Exponents]",
+        shape: tuple[int, ...],
+        scenes: "Sequence[Scene]",
+        **labels: Unpack[Labels],
     ) -> "Lyapunov":
         """The result from the exponents of each lane.
 
         Args:
             exponents: The exponents of each lane.
             shape: The leading axes of the result.
-            layout: That of the scenes.
+            scenes: That of each lane.
             labels: Further arguments of `from_values`.
         """
         longest = max(len(lane.growth) for lane in exponents)
-        rows = [_exponents_row(lane, longest) for lane in exponents]
+        rows = [_exponents_row(lane, longest, scene) for lane, scene in zip(exponents, scenes, strict=True)]
+        layout = scenes[0].layout
         values = {name: lanes_in_shape([row[name] for row in rows], shape) for name in rows[0]}
         return cls.from_values(values, coords={"blade": np.arange(layout.blades)}, layout=layout, **labels)
 
@@ -104,11 +110,13 @@ def _exponent_values(exponents: np.ndarray, status: int) -> list[float | str]:
     return [as_json(value) for value in exponents.tolist()]
 
 
-def _exponents_row(lane: "Exponents", periods: int) -> dict[str, Any]:
+def _exponents_row(lane: "Exponents", periods: int, scene: "Scene") -> dict[str, Any]:
     """The values of one lane, with its growth filled up to the number of periods of the longest lane."""
+    from jaxshroud.batch.states import shroud_motion
+
     growth = np.full((periods, len(lane.exponents)), np.nan, lane.growth.dtype)
     growth[: len(lane.growth)] = lane.growth
-    state = {"motion": lane.last.motion, **contact_values(lane.last)}
+    state = {"motion": shroud_motion(lane.last.motion, scene), **contact_values(lane.last)}
     numbers = {"exponents": lane.exponents, "ci": lane.ci, "growth": growth}
     return {**numbers, "stuck": lane.stuck, "status": np.int32(lane.status), **state}
 

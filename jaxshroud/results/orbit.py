@@ -17,7 +17,7 @@ from jaxshroud.io.variable import (
     lanes_in_shape,
     lanes_in_words,
 )
-from jaxshroud.results.amplitudes import AT_POINTS, WithAmplitudes, contact_values, stored_state
+from jaxshroud.results.amplitudes import AT_POINTS, OF_MODES, WithAmplitudes, contact_values, stored_state
 from jaxshroud.results.base import Labels, Result
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion
@@ -44,11 +44,15 @@ ORBIT_FLAGS = (
 ORBIT_NUMBERS = ("q", "P_d", "P_d_vibration", "residual", "conditioning", "doubt", "updates", "periods", "status")
 
 
-def component_names(layout: Layout = PAIR, points: int = 0) -> list[str]:
-    """The names of the numbers of a state, in the order of vectors: of sliders with interface and point."""
+def component_names(layout: Layout = PAIR, points: int = 0, modes: int = 0) -> list[str]:
+    """The names of the numbers of a state, in the order of vectors: of sliders with interface and point.
+
+    With so many `modes` of a blade its coordinates are theirs.
+    """
+    numbers = [f"{name}{j}" for name in ("q", "v_q") for j in range(modes)] or Motion._fields
     sliders = [f"slider_{j}" for j in range(*layout.interface_shape)] if layout.interface_shape else ["slider"]
     sliders = [f"{name}_{m}" for name in sliders for m in range(points)] if points else sliders
-    return [f"{name}_{blade}" for name in Motion._fields for blade in layout.names] + sliders
+    return [f"{name}_{blade}" for name in numbers for blade in layout.names] + sliders
 
 
 class Orbit(WithAmplitudes, Result):
@@ -75,6 +79,7 @@ class Orbit(WithAmplitudes, Result):
     case = Variable("contact case at the start", None, ("interface",))
     point_u_s = Variable("slider of each point at the start", "m", AT_POINTS)
     point_mode = Variable("contact mode of each point at the start", None, AT_POINTS)
+    modal = Variable("coordinates of modes and their rates at the start", None, OF_MODES)
     q = Variable("period number; 0: no orbit", alone=True, kind=int)
     P = Variable("average power, Eq. (23); NaN without an orbit", "m4", ("blade",))
     P_0 = Variable("average power without contact, closed form", "m4", ("blade",))
@@ -135,7 +140,8 @@ class Orbit(WithAmplitudes, Result):
         values |= {"method": str(first.method), "steps_per_period": first.steps_per_period}
         values |= {"march": method_as_json(method_of(first.steps_per_period, first.method))}
         layout = first.scene.layout
-        names = component_names(layout, first.scene.points)
+        by_modes = first.scene.mode_numbers is not None
+        names = component_names(layout, first.scene.points, first.scene.coordinates if by_modes else 0)
         coords = {"blade": np.arange(layout.blades), "component": names, "by_component": names}
         result = cls.from_values(values, coords=coords, layout=layout, **labels)
         result.scenes = jax.tree.map(lambda *a: lanes_in_shape(a, shape), *(cycle.scene for cycle in cycles))
@@ -180,7 +186,7 @@ class Orbit(WithAmplitudes, Result):
             return None
         lanes = np.shape(self.q)
         modes = self.end_mode if self.end_point_mode is None else self.end_point_mode
-        end = from_vector(self.end, modes, self.end_case, self.scene.layout, self.scene.points)
+        end = from_vector(self.end, modes, self.end_case, self.scene)
         return Tangents(
             end=end,
             vector=self.end,
@@ -288,6 +294,8 @@ class Orbit(WithAmplitudes, Result):
 
 def _orbit_row(cycle: "PeriodicOrbit") -> dict[str, Any]:
     """The values of one lane, NaN where there is no orbit."""
+    from jaxshroud.batch.states import shroud_motion
+
     start, jacobian = cycle.start, cycle.jacobian
     end = start if jacobian is None else jacobian.end
     size = len(cycle.multipliers)
@@ -300,11 +308,11 @@ def _orbit_row(cycle: "PeriodicOrbit") -> dict[str, Any]:
     numbers = {name: getattr(cycle, name) for name in (*ORBIT_NUMBERS, "P", "P_0", "multipliers", "flags")}
     return {
         **numbers,
-        "motion": start.motion,
+        "motion": shroud_motion(start.motion, cycle.scene),
         **contact_values(start),
         "M": nans(size, size) if jacobian is None else jacobian.by_state,
         "power_by_start": nans(blades, size) if jacobian is None else jacobian.power_by_state,
         "mean_square": nans(blades) if jacobian is None else jacobian.power,
         "end": nans(size) if jacobian is None else jacobian.vector,
-        **{name: value for name, value in contact_values(end, "end_").items() if not name.endswith("u_s")},
+        **{name: value for name, value in contact_values(end, "end_").items() if name.endswith(("mode", "case"))},
     }

@@ -18,7 +18,7 @@ from jaxshroud.io.variable import (
     with_events,
 )
 from jaxshroud.model.modes import Mode
-from jaxshroud.results.amplitudes import WithAmplitudes
+from jaxshroud.results.amplitudes import OF_MODES, WithAmplitudes
 from jaxshroud.results.base import Result
 from jaxshroud.scene.checks import InputError, count_argument, word_argument
 from jaxshroud.scene.layout import COORDINATES
@@ -118,6 +118,7 @@ class Trajectory(WithAmplitudes, Result):
     time_apart = Variable("fraction of the time of the whole run: apart", "1", ("interface",), alone=True)
     time_stick = Variable("fraction of the time of the whole run: stick", "1", ("interface",), alone=True)
     time_slip = Variable("fraction of the time of the whole run: slip", "1", ("interface",), alone=True)
+    modal = Variable("coordinates of modes and their rates at the last step", None, OF_MODES)
     omega = Variable("circular frequency of the drive", "rad s-1", alone=True)
     gap = Variable("initial gap", "m", ("interface",), alone=True)
     every = Attribute(int)  # steps from one sample to the next
@@ -131,12 +132,13 @@ class Trajectory(WithAmplitudes, Result):
     @property
     def last(self) -> "State":
         """The state at the last sample, from which a run can go on; the slider is 0 when apart."""
+        from jaxshroud.batch.states import modal_motion
         from jaxshroud.model.prepared import State
 
         end = type(self)(self.data.isel(time=-1))
         mode, slider = (end.mode, end.u_s) if end.point_mode is None else (end.point_mode, end.point_u_s)
         u_s = np.where(mode == Mode.APART, 0, slider).astype(slider.dtype)
-        return State(end.motion, u_s, mode, end.case)
+        return State(end.motion if end.modal is None else modal_motion(end.modal), u_s, mode, end.case)
 
     @property
     def closed(self) -> bool:

@@ -51,11 +51,6 @@ class Layout(NamedTuple):
         return {name: range(n) for name, n in zip(("blade", "interface"), sizes, strict=False)}
 
     @property
-    def state_size(self) -> int:
-        """How many numbers a state has: six of each blade, and a slider at each interface."""
-        return 6 * self.blades + self.interfaces
-
-    @property
     def number_words(self) -> str:
         """How many blades there are, in words for all of them."""
         return "both blades" if self.blades == 2 else "all blades"

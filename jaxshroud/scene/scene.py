@@ -26,6 +26,7 @@ from jaxshroud.scene.keys import (
 from jaxshroud.scene.laws import Number, SceneLaw
 from jaxshroud.scene.layout import (
     AERO_FORCES,
+    COORDINATES,
     COUPLED_WITHOUT_CONTACT,
     SECTOR_OF_CHAIN,
     SPRUNG,
@@ -389,9 +390,14 @@ class Scene(eqx.Module):
         return self.layout.interfaces * max(self.points, 1)
 
     @property
+    def coordinates(self) -> int:
+        """How many coordinates a blade has: x, y and theta, or one of each mode."""
+        return len(self.blades.modes if isinstance(self.blades, ModalBlades) else COORDINATES)
+
+    @property
     def state_size(self) -> int:
-        """How many numbers a state has: six of each blade, and the sliders."""
-        return 6 * self.layout.blades + self.sliders
+        """How many numbers a state has: the coordinates of each blade and their rates, and the sliders."""
+        return 2 * self.coordinates * self.layout.blades + self.sliders
 
 
 def without_given(scene: Scene) -> Scene:

@@ -296,7 +296,8 @@ def numbers_that_count(scene: Scene) -> tuple[str, ...]:
         differ = bool(shape) and bool(np.any(values[..., :1] != values))
         moving = 1 if parts.neighbour == "rigid" else math.prod(shape)
         keys += [f"{key}[{i}]" for i in range(moving)] if differ else [key]
-    fixed = parts.neighbour == "rigid" or (scene.row is not None and scene.depends_on_speed)
+    by_order = scene.depends_on_speed or "drive.speed" in given_of(scene)  # which gives a row its phases
+    fixed = parts.neighbour == "rigid" or (scene.row is not None and by_order)
     phases = () if fixed else range(1, layout.blades)
     return (*keys, *(f"drive.phase[{i}]" for i in phases))
 

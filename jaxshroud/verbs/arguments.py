@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.states import initial_states
+from jaxshroud.batch.states import initial_states, own_motion
 from jaxshroud.cache.programs import is_traced
 from jaxshroud.io.scene_numbers import dimension, scene_differences
 from jaxshroud.io.variable import jax_lane_arrays
@@ -21,7 +21,6 @@ from jaxshroud.scene.checks import DEFAULT_TRANSIENT, InputError, count_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import ALL_KEYS, number_shape
 from jaxshroud.scene.layout import NO_CONTACT, require_capability, require_points, require_steps
-from jaxshroud.scene.modes import ModalBlades
 from jaxshroud.scene.ranges import check_ranges
 from jaxshroud.scene.scene import Scene, with_plain_orders
 from jaxshroud.scene.schema import RunTable
@@ -36,14 +35,8 @@ N_PERIODS = 64  # kept periods, unless the argument or the scene file says other
 LaneVariable = tuple[tuple[str, ...], np.ndarray, dict[str, str]]  # dimensions, values, attributes
 
 
-LACK_MODES = (
-    *("orbit", "lyapunov", "branch", "response", "gradient", "diagnose", "report"),
-    *("attractors", "basins", "fit", "trade"),
-)  # verbs
-
-
 def check_verb(verb: str, scene: Scene | SceneFile) -> None:
-    """Raise an InputError if a verb does not know the layout, the contact or the blades of the scene."""
+    """Raise an InputError if a verb does not know the layout or the contact of the scene."""
     where = f"{scene.name}: " if isinstance(scene, SceneFile) else ""
     require_capability(f"`{verb}`", scene.layout, where)
     points = {"points", "shares"} & {*scene.tables["contact"]} if isinstance(scene, SceneFile) else scene.contact.points
@@ -51,15 +44,6 @@ def check_verb(verb: str, scene: Scene | SceneFile) -> None:
         require_points(verb, points, where)
         parts = scene.tables["parts"]["contact"] if isinstance(scene, SceneFile) else scene.parts.contact
         require_steps(parts, verb, where)
-    if verb in LACK_MODES:
-        require_lumped(scene, f"{where}`{verb}`")
-
-
-def require_lumped(scene: Scene | SceneFile, asked: str) -> None:
-    """Raise an InputError if the blades are given by modes, whose coordinates what is asked does not know."""
-    by_file = isinstance(scene, SceneFile)
-    if "modes[0].f" in scene.tables["blades"] if by_file else isinstance(scene.blades, ModalBlades):
-        raise InputError(f"{asked} does not know blades by modes yet: it reads x, y and theta of each blade.")
 
 
 def check_row(scene: Scene, **asked: bool) -> None:
@@ -201,7 +185,8 @@ class ResolvedOptions(NamedTuple):
             raise InputError(f"Argument `state` has leading axes {shape}, but the scenes have {self.shape}.")
         flat = flatten_lanes(precise, len(shape))
         lanes_per_state = len(lanes.drive.omega) // max(len(flat.u_s), 1)
-        return jax.tree.map(lambda a: np.repeat(np.asarray(a), lanes_per_state, axis=0), flat)
+        whole = jax.tree.map(lambda a: np.repeat(np.asarray(a), lanes_per_state, axis=0), flat)
+        return State(own_motion(whole.motion, lanes), whole.u_s, whole.mode, whole.case)
 
     def provenance(self, transient: int, steps: int) -> tuple[dict[str, str], dict[str, LaneVariable]]:
         """The attributes that say which scene a result is of, and the numbers in which its scenes differ."""

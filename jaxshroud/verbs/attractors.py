@@ -7,7 +7,7 @@ import numpy as np
 
 from jaxshroud.batch.plan import Plan, Progress, Ticker
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import final_states, initial_states
+from jaxshroud.batch.states import final_states, initial_states, shroud_motion
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.batch.xla import one_lane, repeat_lane
 from jaxshroud.io.scene_numbers import dimension, key_attrs
@@ -97,8 +97,8 @@ def attractors(
     single, shooting, attributes = _single_scene("attractors", scene, most_periods, method)
     states = random_starts(single, starts, seed, spread)
     found = _attractors_from(single, states, most_periods, shooting, progress)
-    values = attractor_values(found, _drawn_paths(found, single, shooting)) | {"initial": states.motion}
-    values |= {"spread": spread, "seed": seed}
+    values = attractor_values(found, _drawn_paths(found, single, shooting))
+    values |= {"initial": shroud_motion(states.motion, single), "spread": spread, "seed": seed}
     return Attractors.of_values(values, ("start",), attributes, single.layout)
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxshroud.batch.plan import Progress
-from jaxshroud.batch.states import initial_states
+from jaxshroud.batch.states import in_scene_precision, initial_states
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.io.lane_status import AccuracyWarning
@@ -196,7 +196,9 @@ def _initial_orbit(
     Raises:
         NumericalError: There is none.
     """
-    start = jax_lane_arrays(initial_states(one_lane(scene)), (0,)) if state is None else state
+    if state is None:
+        state = jax_lane_arrays(initial_states(one_lane(scene)), (0,))
+    start = in_scene_precision(state, scene)
     algorithm = (
         settled_orbit(scene, start, most_periods, shooting) if q is None else closed_orbit(scene, start, q, shooting)
     )

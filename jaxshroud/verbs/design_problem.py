@@ -229,7 +229,7 @@ def start_states(problem: Problem, scenes: Scene) -> State:
     """The initial states of the scenes (leading axis) of a problem."""
     if problem.state is None:
         return initial_states(scenes)
-    return repeat_lane(in_scene_precision(problem.state, scenes), len(scenes.drive.omega))
+    return in_scene_precision(repeat_lane(problem.state, len(scenes.drive.omega)), scenes)
 
 
 class SimulatedDesigns(NamedTuple):

@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxshroud.batch.plan import Plan, Progress, Runs, Ticker
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import final_states
+from jaxshroud.batch.states import coordinate_sizes, final_states
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.march.method import FOR_P_D_WITH_LEDGER
 from jaxshroud.model.linear import power_reduction
@@ -25,7 +25,6 @@ from jaxshroud.orbits.verdict_evidence import Stretches
 from jaxshroud.results.diagnosis import Diagnosis
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.sector import whole_ring
@@ -112,9 +111,10 @@ def _evidence(scenes: Scene, states: State, march: MarchPlan, transient: int, pr
             break
         plan = replace(plan, transient=0, kept=2 * plan.kept)
     growth = NearbyGrowth(np.nan, np.nan, 0)
+    scene = jax.tree.map(lambda a: np.asarray(a)[0], scenes)
     if status == Status.OK:
         one = partial(_after_a_period, whole_ring(scenes), march, ticker)  # a sector lacks other patterns
-        growth = nearby_growth(states, _sizes(scenes, runs), one, GROWTH_PERIODS)
+        growth = nearby_growth(scene, states, _sizes(scene, runs), one, GROWTH_PERIODS)
     return RowEvidence(status, orbit, power, _latest_series(scenes, runs, orbit, P_0), P_0, done, states, growth)
 
 
@@ -130,11 +130,14 @@ def _after_a_period(scenes: Scene, march: MarchPlan, ticker: Ticker, states: Sta
     return final_states(runs.last.state), bool(np.asarray(runs.last.status)[0] == Status.OK)
 
 
-def _sizes(scenes: Scene, runs: Runs) -> Motion:
-    """The largest displacements of any blade, and the rates that the drive frequency gives them."""
-    x, y, theta = (float(np.max(np.abs(a))) for a in runs.samples.largest)
-    omega = float(np.asarray(scenes.drive.omega)[0])
-    return Motion(x, y, theta, omega * x, omega * y, omega * theta)
+def _sizes(scene: Scene, runs: Runs) -> np.ndarray:
+    """The size of each number of a state: the largest displacements of any blade, and the rates by the drive frequency.
+
+    Sliders have that of x.
+    """
+    largest = [float(np.max(np.abs(a))) for a in runs.samples.largest]
+    place = coordinate_sizes(np.repeat(largest, scene.layout.blades), scene)
+    return np.concatenate([place, place * float(scene.drive.omega), np.full(scene.sliders, largest[0])])
 
 
 def _row_evidence(found: RowEvidence, run: Trajectory) -> dict[str, object]:

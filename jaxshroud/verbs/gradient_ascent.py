@@ -230,7 +230,7 @@ def exact_slopes(problem: Problem, u: np.ndarray, tick: Tick) -> tuple[np.ndarra
     tick(n_lanes * (plan.transient + plan.kept))
     value, tangent = end
     slope = _reduction_slopes(problem, scene, unfolded_flow(end, copies))
-    growth = np.abs(to_vector(tangent.state)).max(axis=1) / np.abs(to_vector(value.state)).max(axis=1)
+    growth = np.abs(to_vector(tangent.own)).max(axis=1) / np.abs(to_vector(value.own)).max(axis=1)
     shape = len(u), rows, len(keys)
     return slope.reshape(shape), np.where(np.isfinite(growth), growth, np.inf).reshape(shape)
 

@@ -219,7 +219,7 @@ def lyapunov(
         return Exponents(nan, nan, np.empty((0, len(nan))), False, status, starts[lane][1])
 
     def result_of(exponents):
-        return Lyapunov.of_exponents(exponents, lanes.shape, lanes.scenes[0].layout, **lanes.labels)
+        return Lyapunov.of_exponents(exponents, lanes.shape, lanes.scenes, **lanes.labels)
 
     max_periods = transient_periods + MAX_ALIGNMENT_PERIODS + kept
     try:

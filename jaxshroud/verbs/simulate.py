@@ -9,6 +9,7 @@ from jaxshroud.batch.limits import STEP_BYTES, check_memory
 from jaxshroud.batch.plan import Progress, Ticker
 from jaxshroud.batch.runs import trajectories
 from jaxshroud.batch.sampling import SampleGrid
+from jaxshroud.batch.states import final_states
 from jaxshroud.batch.zeno import zeno_of_trajectories
 from jaxshroud.io.lane_status import warn_failures
 from jaxshroud.march.method import REFERENCE, Choices
@@ -16,6 +17,7 @@ from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.contact_law import ContactLoads
 from jaxshroud.model.prepared import State
 from jaxshroud.orbits.short_runs import trajectory_ends
+from jaxshroud.results.amplitudes import contact_values
 from jaxshroud.results.base import Labels
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.checks import InputError, count_argument
@@ -134,7 +136,9 @@ def _trajectory(resolved: ResolvedOptions, values: dict[str, Any], common: dict[
 def _sampled_values(scenes: Scene, states: State, grid: SampleGrid, method: Choices, ticker: Ticker) -> dict[str, Any]:
     """The values of lanes (leading axis)."""
     found = trajectories(scenes, states, grid, method, ticker)
+    of_modes = {} if scenes.mode_numbers is None else contact_values(final_states(found.last.state))
     return {
+        "modal": of_modes.get("modal"),
         **found.samples,
         "status": found.status,
         "counters": found.counters,

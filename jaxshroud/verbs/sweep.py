@@ -32,7 +32,6 @@ from jaxshroud.verbs.arguments import (
     check_row,
     flatten_lanes,
     refuse_traced,
-    require_lumped,
     resolve_options,
 )
 from jaxshroud.verbs.asked import MethodArgument
@@ -166,8 +165,6 @@ def sweep(
     require_state(grid.lanes)
     if confirm and direction != "independent":
         raise InputError(f"Argument `confirm` is of independent lanes, but `direction` is {direction!r}.")
-    if direction != "independent":
-        require_lumped(resolved.scene, f"`direction` = {direction!r}")
     directions = SINGLE_DIRECTIONS if direction == "both" and not is_linear(grid.lanes) else (direction,)
     lanes = len(directions) * math.prod(grid.shape)
     path = _store_path(store, resume)

@@ -164,9 +164,11 @@ def trade(
     scene = one_scene("trade", scene)
     check_size(lanes, transient, n_periods)
     check_vibration("P_d", scene)
-    ways = SETTINGS.get(scene.parts.contact)
+    by_modes = scene.mode_numbers is not None  # which the solvers of diffrax do not march
+    ways = None if by_modes else SETTINGS.get(scene.parts.contact)
     if ways is None:
-        raise InputError(f"`trade` has no reference for {scene.parts.contact} contact; compare powers by js.power.")
+        what = "blades by modes" if by_modes else f"{scene.parts.contact} contact"
+        raise InputError(f"`trade` has no reference for {what}; compare powers by js.power.")
     if methods is not None:
         ways = [one if isinstance(one, Measurable) else by_method(one) for one in methods]
     scenes = neighbourhood(scene, lanes, seed)

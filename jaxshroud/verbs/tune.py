@@ -24,7 +24,7 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import text_of
 from jaxshroud.scene.typed import typed
 from jaxshroud.signals.amplitudes import counted_reduction
-from jaxshroud.verbs.arguments import check_row, one_scene, require_lumped, resolve_options
+from jaxshroud.verbs.arguments import check_row, one_scene, resolve_options
 from jaxshroud.verbs.asked import MarchPlan, MethodArgument
 from jaxshroud.verbs.design_problem import (
     Goal,
@@ -168,8 +168,6 @@ def tune(
     problem = problem_of(nominal, over, conditions or {}, scattering, of)
     check_comparable(problem)
     counts = (search or SearchOptions()).of_size(len(over))
-    if counts[2]:
-        require_lumped(nominal, "A search with `updates`")
     scanned = problem.values(_scanned_cube(len(over), counts[0], seed))
     if linear is None and state is None:
         linear = default_state(scenes_of(problem, scanned), method)

@@ -37,7 +37,7 @@ class Course:
         self.scene, self.method = without_given(file.scene), as_differentiable(method)
         run = js.simulate(file.scene, n_periods=3, method=js.RungeKutta("dopri8", steps=STEPS))
         self.start = jax.tree.map(np.asarray, run.last)
-        rng, size = np.random.default_rng(0), self.scene.layout.state_size
+        rng, size = np.random.default_rng(0), self.scene.state_size
         self.z, blades = to_vector(self.start), self.scene.row.blades
         scale = np.abs(self.z[: 6 * blades].reshape(6, blades)).max(axis=1)
         self.scale = np.append(np.repeat(np.where(scale > 0, scale, 1.0), blades), np.full(size - 6 * blades, scale[0]))
@@ -51,7 +51,7 @@ class Course:
         """The end and the powers of the lanes, `step` along their directions, in their sizes; with their tangents."""
         scenes, none = repeat_lane(self.scene, LANES), np.zeros_like(self.along)
         scenes = jax.tree.map(lambda a, d: a + step * d, scenes, self.number)
-        state = lambda z: from_vector(z, None, None, self.scene.layout)
+        state = lambda z: from_vector(z, None, None, self.scene)
         begin = repeat_lane(self.start, LANES)
         moved = state(self.z + step * self.along)
         begin = type(begin)(moved.motion, moved.u_s, begin.mode, begin.case)

@@ -26,9 +26,8 @@ from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import initial_state
 from jaxshroud.orbits.batched_algorithms import run_alone
 from jaxshroud.orbits.lyapunov import MAX_ALIGNMENT_PERIODS, state_after
-from jaxshroud.scene.layout import PAIR
 
-STEPS = 400
+STEPS, SIZE = 400, 13  # of a state
 orbit, lyapunov = (partial(verb, method=js.RungeKutta(steps=STEPS)) for verb in (js.orbit, js.lyapunov))
 CHAOTIC = {"gamma 4.8": 4.8, "gamma 5.5": 5.5, "gamma 10": 10.0}
 
@@ -59,7 +58,7 @@ def states_of(scene, n, method=FAST):
 def flow_of(scenes, states, along=None, steps=STEPS, method=FAST):
     """One period of many lanes; `along`: tangent vectors of the states (lanes, 13)."""
     still = jax.tree.map(np.zeros_like, scenes)
-    unit = from_vector(np.zeros((len(states.u_s), PAIR.state_size)) if along is None else along, None, None)
+    unit = from_vector(np.zeros((len(states.u_s), SIZE)) if along is None else along, None, None, scenes)
     got = run_flow(Dual(scenes, still), Dual(states, unit), 1, steps, as_differentiable(method))
     assert np.all(got.value.status == Status.OK)
     return got
@@ -77,7 +76,7 @@ def differences(scene, states, along, h, steps=STEPS, method=FAST):
     z = to_vector(states)
     ends = []
     for c in (-2, -1, 1, 2):
-        shifted = from_vector(z + c * h * along, states.mode, states.case)
+        shifted = from_vector(z + c * h * along, states.mode, states.case, scene)
         ends.append(to_vector(flow_of(repeat_lane(scene, lanes), shifted, None, steps, method).value.state))
     return (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * h)
 
@@ -99,7 +98,7 @@ def test_one_period_jacobian_in_chaos():
     # computed map is not smooth, by its error of truncation; another number of steps then shows the rest.
     scene = scene_at(5.5)
     states = states_of(scene, 200)
-    along = np.random.default_rng(1).standard_normal((200, PAIR.state_size)) * sizes_of(states)
+    along = np.random.default_rng(1).standard_normal((200, SIZE)) * sizes_of(states)
     error = error_of(scene, states, along)
     assert np.sum(error > 1e-7) <= 2
     for lane in np.flatnonzero(error > 1e-7):
@@ -117,7 +116,7 @@ def test_jacobian_of_other_methods(name, locate, motion):
     method = Choices(tableau(name), locate)
     scene = with_parts(scene_at(5.5), motion=motion)
     states = states_of(scene, 12)
-    along = np.random.default_rng(2).standard_normal((12, PAIR.state_size)) * sizes_of(states)
+    along = np.random.default_rng(2).standard_normal((12, SIZE)) * sizes_of(states)
     steps = {"rk4": 400, "tsit5": 200, "dopri8": 100}[name]
     assert np.max(error_of(scene, states, along, steps, method)) <= 1e-6
 
@@ -129,7 +128,7 @@ def test_jacobian_by_series(motion):
     method = Choices(TaylorOptions(10, 1e-12), "series")
     scene = with_parts(scene_at(5.5), motion=motion)
     states = states_of(scene, 12)
-    along = np.random.default_rng(2).standard_normal((12, PAIR.state_size)) * sizes_of(states)
+    along = np.random.default_rng(2).standard_normal((12, SIZE)) * sizes_of(states)
     assert np.max(error_of(scene, states, along, method=method)) <= 1e-6
 
 
@@ -141,7 +140,7 @@ def test_naive_tangents_by_series_are_wrong(monkeypatch):
     monkeypatch.setattr(taylor_trial, "at_event", lambda quantity, *_: quantity)
     scene, method = scene_at(5.5), Choices(TaylorOptions(11, 1e-12), "series")  # another order: compiled anew
     states = states_of(scene, 24)
-    along = np.random.default_rng(3).standard_normal((24, PAIR.state_size)) * sizes_of(states)
+    along = np.random.default_rng(3).standard_normal((24, SIZE)) * sizes_of(states)
     assert np.mean(error_of(scene, states, along, method=method) > 1e-3) > 0.5
 
 
@@ -157,19 +156,19 @@ def test_naive_tangents_are_wrong(naive):
     # Control: without the derivative of the events' instants, tangents through chaos miss by more than 1 %.
     scene = scene_at(5.5)
     states = states_of(scene, 24)
-    along = np.random.default_rng(3).standard_normal((24, PAIR.state_size)) * sizes_of(states)
+    along = np.random.default_rng(3).standard_normal((24, SIZE)) * sizes_of(states)
     assert np.median(error_of(scene, states, along, method=naive)) > 0.01
 
 
 def two_trajectories(scene, state, n, apart=1e-7):
     """Growth of the distance between two motions over each of `n` periods, brought back to `apart` after each."""
-    gap = np.random.default_rng(4).standard_normal(PAIR.state_size) * sizes_of(alone(state))
+    gap = np.random.default_rng(4).standard_normal(SIZE) * sizes_of(alone(state))
     gap, growth = gap * apart / np.linalg.norm(gap), []
     for _ in range(n):
         z = to_vector(state)
-        other = from_vector(z + gap, state.mode, state.case)
+        other = from_vector(z + gap, state.mode, state.case, scene)
         ends = flow_of(repeat_lane(scene, 2), jax.tree.map(lambda *a: np.stack(a), state, other)).value.state
-        state = jax.tree.map(lambda a: a[0], from_vector(to_vector(ends), ends.mode, ends.case))
+        state = jax.tree.map(lambda a: a[0], from_vector(to_vector(ends), ends.mode, ends.case, scene))
         gap = np.diff(to_vector(ends), axis=0)[0]
         growth.append(np.linalg.norm(gap) / apart)
         gap = gap / growth[-1]
@@ -215,7 +214,7 @@ def test_multipliers_without_contact_have_the_dampers_product():
     b = scene.blades
     rate = sum(float(jnp.sum(c / m)) for c, m in ((b.c_x, b.m), (b.c_y, b.inertia_y), (b.c_T, b.I)))
     expected = np.exp(-float(scene.drive.period) * rate)
-    assert np.all(at.by_state[PAIR.state_size - 1] == 0)
+    assert np.all(at.by_state[SIZE - 1] == 0)
     assert np.prod(np.linalg.eigvals(at.by_state[:12, :12])).real == pytest.approx(expected, rel=1e-8)
 
 

@@ -25,7 +25,6 @@ from jaxshroud.orbits.orbit import ShootingState, describe_orbit
 from jaxshroud.orbits.shooting import _shooting_step, moved_start
 from jaxshroud.results.orbit import Orbit
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.vary import vary
 from jaxshroud.verbs.gradient import differences, on_orbit
 
@@ -45,6 +44,7 @@ PARAMETERS = (
     + [f"drive.{n}[{i}]" for n in ("F_0", "M_0", "beta", "phase") for i in (0, 1)]
     + [f"blades.{n}[{i}]" for n in ("m", "I", "k_x", "k_y", "k_T", "c_x", "c_y", "c_T") for i in (0, 1)]
 )
+SIZE = 13  # of a state
 UNLIKE = ("blades.m=[0.08, 0.085]", "drive.phase=[0, 2.9]")
 PRINTED = ('contact.reading="printed"',)
 # Overrides of Table 1 with F_0 = 60 N, the period number, and events that the orbit must have.
@@ -178,7 +178,7 @@ def test_permanent_stick_is_not_unique():
     # pressed together still change case, which moves the slider.
     found = orbit(scene_of(("contact.gamma=2.5",)))
     M = found.jacobian.by_state.copy()
-    M[-1], M[:-1, -1] = np.eye(PAIR.state_size)[-1], 0.1 * np.arange(1, PAIR.state_size)
+    M[-1], M[:-1, -1] = np.eye(SIZE)[-1], 0.1 * np.arange(1, SIZE)
     end = State(found.start.motion, found.start.u_s, np.int32(Mode.STICK), np.int32(1))
     shot = ShootingState(found.start, found.jacobian._replace(by_state=M, end=end), 0.0, 1)
     held = Orbit.of_cycles([describe_orbit(found.scene, shot, 1, 1e-11, 8, 400, FAST)])
@@ -212,9 +212,9 @@ def test_permanent_stick_is_not_unique_through_case_switches():
     assert np.abs(step - exact).max() <= 1e-8 * np.abs(exact).max()
     # Control: a slider that is only held where its row is that of the unit matrix to the last bit is not held here.
     at = found.jacobian
-    assert not np.array_equal(at.by_state[-1], np.eye(PAIR.state_size)[-1])
+    assert not np.array_equal(at.by_state[-1], np.eye(SIZE)[-1])
     by = tangents(found.scene, found.start, [direction(found.scene, "shroud.gap")], n=found.q, **how(found))
-    free = np.linalg.solve(np.eye(PAIR.state_size) - at.by_state, by.by_parameter)
+    free = np.linalg.solve(np.eye(SIZE) - at.by_state, by.by_parameter)
     held = moved_start(at.by_state, by.by_parameter, True)
     assert np.abs(free - held).max() > 0.01 * np.abs(held).max()
 

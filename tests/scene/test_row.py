@@ -20,7 +20,7 @@ from jaxshroud.scene.other_parts import with_parts
 from jaxshroud.scene.overrides import axis
 from jaxshroud.scene.scene import Row
 from jaxshroud.scene.text import text_of
-from jaxshroud.scene.vary import numbers_of, numbers_that_count, with_numbers
+from jaxshroud.scene.vary import level_of, numbers_of, numbers_that_count, with_numbers
 from jaxshroud.verbs.arguments import leading_axes, resolve_options
 
 RING, CHAIN = "row_ring12", "row_chain5"
@@ -434,3 +434,13 @@ def test_the_largest_frequency_of_a_row_is_a_bound():
     for row in rows:
         bound = js.largest_frequency(load("table1", [*row, "drive.phase=0"]).scene)
         assert pair < bound <= np.sqrt(2) * pair
+
+
+def test_the_speed_of_a_row_counts_with_the_phases_of_its_engine_order():
+    scene = js.load("row_ring12", ["drive.speed=1700 rpm"]).scene
+    counted = numbers_that_count(scene)
+    assert "drive.speed" in counted
+    assert all(np.isfinite(level_of(with_numbers(scene, counted), key)) for key in counted)
+    # Control: a number of a phase takes the place of the engine order, without which there is no speed.
+    with pytest.raises(js.Error, match="engine_order"):
+        level_of(with_numbers(scene, [*counted, "drive.phase[1]"]), "drive.speed")
