@@ -9,13 +9,15 @@ from typing import Any
 from jaxshroud.cli.terminal import CommandError, require_free
 from jaxshroud.io.files import place_of, write
 
-SAID_ALIKE = ("n_modes", "zeta", "residuals", "residual_frequency", "contact_stiffness", "units")
+SAID_ALIKE = ("n_modes", "units")
+OF_MATRICES = ("zeta", "residuals", "residual_frequency", "contact_stiffness")
+VECTORS = ("origin", "x_axis", "y_axis")
 
 
 def reduce_command(options: argparse.Namespace) -> None:
     """Write the table of the modes of a blade."""
     from jaxshroud.io.finite_element import read_dofs, read_model, read_nodes
-    from jaxshroud.verbs.reduce import reduce
+    from jaxshroud.verbs.reduce import reduce, reduce_shapes
 
     require_free(options.out, options.force)
     model = read_model([path for path in (options.stiffness, options.mass, options.damping) if path is not None])
@@ -27,10 +29,15 @@ def reduce_command(options: argparse.Namespace) -> None:
         )
     if nodes is None:
         raise CommandError("the nodes have no coordinates; add --nodes FILE with lines node, x, y, z")
-    frame = {name: vector for name in ("origin", "x_axis", "y_axis") if (vector := getattr(options, name)) is not None}
     said: dict[str, Any] = {name: getattr(options, name) for name in SAID_ALIKE}
-    labels = {"shroud": _labels(options.shroud), "fixed": _labels(options.fixed or "")}
-    blade = reduce(model.K, model.M, C=model.C, dofs=dofs, nodes=nodes, **labels, **frame, **said)
+    said |= {name: vector for name in VECTORS if (vector := getattr(options, name)) is not None}
+    said |= {"dofs": dofs, "nodes": nodes, "shroud": _labels(options.shroud)}
+    if model.shapes is None:
+        said |= {name: getattr(options, name) for name in OF_MATRICES}
+        blade = reduce(model.K, model.M, C=model.C, fixed=_labels(options.fixed or ""), **said)
+    else:
+        shapes = {"zeta": options.zeta, **model.shapes}
+        blade = reduce_shapes(**shapes, least_collinearity=options.least_collinearity, **said)
     write(options.out, blade.csv.encode())
     print(blade)
     print(place_of(options.out))

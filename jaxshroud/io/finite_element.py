@@ -1,12 +1,15 @@
-"""Matrices of finite elements in files: of NumPy, Matrix Market and the text of CalculiX, with labels of unknowns.
+"""Finite elements in files: of NumPy, MATLAB, Matrix Market and the text of CalculiX, with labels of unknowns.
 
 | file | holds |
 |---|---|
 | `.npz` of NumPy | arrays `K`, `M`, perhaps `C`, `dofs` and `nodes`, dense; or one matrix as scipy.sparse saves it |
+| `.mat` of MATLAB | the same, as plain arrays |
+| `.npz` or `.mat` of shapes | arrays `f`, `phi`, perhaps `zeta`, `mass`, `kind`, `dofs` and `nodes` |
+| CSV of shapes | lines `f`, `zeta`, `mass`, `kind`, then `node.direction`, with a cell of each mode |
 | Matrix Market, under any suffix | one matrix |
 | three columns of text: row, column, value from 1 on | one matrix, as CalculiX writes it (.sti, .mas) |
 | unknowns: a line `node.direction` for each row | directions 1 to 3: along x, y, z; 4 to 6: turns about them |
-| nodes: lines `node, x, y, z` | coordinates, of the shroud's nodes at least |
+| nodes: lines `node, x, y, z` | coordinates; six more numbers are the x and the y axis of a node's unknowns |
 """
 
 import re
@@ -19,14 +22,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.csv_text import read_csv_text
+from jaxshroud.scene.csv_text import read_csv, read_csv_text
 from jaxshroud.scene.typed import FloatArray
 
+MATLAB = b"MATLAB "
 MARKET = b"%%MatrixMarket"
 ZIP = b"PK\x03\x04"
 HDF5 = b"\x89HDF"
 LABEL = re.compile(r"\s*(?P<node>[^\s.,]+)\s*[.,\s]\s*(?P<direction>[1-6])\s*")
-INSTEAD_OF_OTHERS = "save K and M as Matrix Market (scipy.io.mmwrite) or in one .npz (numpy.savez)"
+INSTEAD_OF_OTHERS = (
+    "save K and M as Matrix Market (scipy.io.mmwrite), or as plain arrays in one .npz (numpy.savez) or .mat (save -v7)"
+)
 
 
 class Unknown(NamedTuple):
@@ -60,6 +66,10 @@ class ModelArrays(NamedTuple):
     C: Any = None
     dofs: tuple[str, ...] | None = None
     nodes: dict[str, FloatArray] | None = None
+    shapes: dict[str, Any] | None = None  # the arguments of `reduce_shapes` that it has
+
+
+OF_SHAPES = ("f", "zeta", "phi", "mass", "kind")
 
 
 def read_model(paths: Sequence[Path]) -> ModelArrays:
@@ -69,22 +79,48 @@ def read_model(paths: Sequence[Path]) -> ModelArrays:
         InputError: A file cannot be read, or holds something else.
     """
     first = paths[0]
-    if len(paths) == 1:
-        arrays = _arrays_of_zip(first) if _head(first).startswith(ZIP) else {}
-        missing = [name for name in ("K", "M") if name not in arrays]
-        if missing:
-            raise InputError(f"{first}: holds no {missing[0]}; name the files of K and of M, or an .npz with both")
-        dofs = arrays.get("dofs")
-        labels = None if dofs is None else _unknowns((".".join(map(str, np.atleast_1d(one))) for one in dofs), first)
-        rows = arrays.get("nodes")
-        nodes = None if rows is None else _nodes((list(map(_plain, row)) for row in rows), first)
-        return ModelArrays(arrays["K"], arrays["M"], arrays.get("C"), labels, nodes)
-    matrices = dict(zip(("K", "M", "C"), map(read_matrix, paths), strict=False))
-    return ModelArrays(**matrices)
+    if len(paths) > 1:
+        return ModelArrays(**dict(zip(("K", "M", "C"), map(read_matrix, paths), strict=False)))
+    arrays = _arrays_of(first)
+    if arrays is None:
+        head = _head_of_text(first)
+        arrays = _shapes_of_csv(first) if b"," in head and not head.startswith(MARKET) else {}
+    shapes = {name: arrays[name] for name in OF_SHAPES if name in arrays} if "phi" in arrays else None
+    missing = [name for name in (("K", "M") if shapes is None else ("f",)) if name not in arrays]
+    if missing:
+        raise InputError(f"{first}: holds no {missing[0]}; name the files of K and of M, or an .npz with both")
+    dofs, rows = arrays.get("dofs"), arrays.get("nodes")
+    labels = None if dofs is None else _unknowns((".".join(map(_plain, np.atleast_1d(one))) for one in dofs), first)
+    nodes = None if rows is None else _nodes((list(map(_plain, row)) for row in rows), first)
+    if shapes is not None:
+        shapes = {name: a if name == "phi" else np.ravel(a) for name, a in shapes.items()}
+        if (kinds := shapes.pop("kind", None)) is not None:
+            shapes["residual"] = [str(kind).strip() == "residual" for kind in kinds]
+    return ModelArrays(arrays.get("K"), arrays.get("M"), arrays.get("C"), labels, nodes, shapes)
+
+
+def _shapes_of_csv(path: Path) -> dict[str, Any]:
+    """The arrays of a CSV file of shapes: a head, then lines of a name, or an unknown, and a cell of each mode."""
+    labels, *columns = read_csv(path).columns.values()
+    names = [label.partition("[")[0].strip() for label in labels]
+    lines = zip(names, zip(*columns, strict=True), strict=True)
+    try:
+        rows = [(name, cells if name == "kind" else [*map(_complex, cells)]) for name, cells in lines]
+    except ValueError as error:
+        raise InputError(f"{path}: {error}; a cell is a number, as 0.1 or 0.1+0.2j") from None
+    found = {name: np.real(row) for name, row in rows if name in OF_SHAPES}
+    dofs = [name for name in names if name not in OF_SHAPES]
+    return {**found, "phi": np.array([row for name, row in rows if name not in OF_SHAPES]), "dofs": dofs}
+
+
+def _complex(cell: str) -> complex:
+    return complex(cell.replace(" ", "").replace("i", "j"))
 
 
 def _plain(value: Any) -> str:
     """A number of a table of nodes as text: labels are whole."""
+    while isinstance(value, np.ndarray):  # a cell of MATLAB
+        value = value.item()
     return str(int(value)) if isinstance(value, float) and float(value).is_integer() else str(value)
 
 
@@ -97,13 +133,11 @@ def read_matrix(path: Path) -> Any:
     try:
         if head.startswith(MARKET):
             return mmread(path)
-        if head.startswith(ZIP):
-            arrays = _arrays_of_zip(path)
+        if (arrays := _arrays_of(path)) is not None:
             return load_npz(path) if "format" in arrays else next(iter(arrays.values()))
     except (ValueError, KeyError, OSError, NotImplementedError) as error:
         raise InputError(f"{path}: cannot be read as a matrix ({error}); {INSTEAD_OF_OTHERS}") from None
-    if head.startswith(HDF5) or b"\0" in head:
-        raise InputError(f"{path}: is in a form that is not read; {INSTEAD_OF_OTHERS}")
+    _head_of_text(path)
     try:
         rows = np.loadtxt(path, ndmin=2)
     except (ValueError, OSError) as error:
@@ -133,12 +167,45 @@ def _head(path: Path) -> bytes:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
 
 
-def _arrays_of_zip(path: Path) -> dict[str, Any]:
+def _head_of_text(path: Path) -> bytes:
+    head = _head(path)
+    if head.startswith(HDF5) or b"\0" in head:
+        raise InputError(f"{path}: is in a form that is not read; {INSTEAD_OF_OTHERS}")
+    return head
+
+
+def _arrays_of(path: Path) -> dict[str, Any] | None:
+    """The arrays of a file of NumPy or MATLAB by their names; None of any other."""
+    head = _head(path)
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
-    except (ValueError, OSError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: cannot be read as .npz of plain arrays ({_first_line(error)})") from None
+        if head.startswith(ZIP):
+            with np.load(path, allow_pickle=False) as file:
+                return {name: file[name] for name in file.files}
+        if head.startswith(MATLAB + b"7.3"):
+            return _arrays_of_hdf5(path)
+        if head.startswith(MATLAB):
+            from scipy.io import loadmat
+
+            arrays = {name: a for name, a in loadmat(path).items() if not name.startswith("__")}
+            if lost := [name for name, a in arrays.items() if getattr(a, "dtype", np.dtype("V")).kind == "V"]:
+                raise ValueError(f"{lost[0]} is an object")
+            return arrays
+    except (ValueError, OSError, NotImplementedError, TypeError, zipfile.BadZipFile) as error:
+        raise InputError(
+            f"{path}: cannot be read as plain arrays ({_first_line(error)}); {INSTEAD_OF_OTHERS}"
+        ) from None
+    return None
+
+
+def _arrays_of_hdf5(path: Path) -> dict[str, Any]:
+    """The arrays of a file of MATLAB 7.3, which are stored transposed."""
+    import h5py
+
+    with h5py.File(path) as file:
+        own: Any = {name: a for name, a in file.items() if not name.startswith("#")}
+        if lost := [name for name, a in own.items() if not isinstance(a, h5py.Dataset) or len(a.attrs) > 1]:
+            raise ValueError(f"{lost[0]} is no plain array of numbers")
+        return {name: a[()].T for name, a in own.items()}
 
 
 def read_dofs(path: Path) -> tuple[str, ...]:
@@ -162,7 +229,7 @@ def read_nodes(path: Path) -> dict[str, FloatArray]:
     """The coordinates of nodes, from lines `node, x, y, z`; other lines, such as keywords, are left out."""
     lines = read_csv_text(path, "a text file with lines node, x, y, z").splitlines()
     rows = (re.split(r"[,;\s]+", line.strip()) for line in lines)
-    return _nodes((row for row in rows if len(row) >= 4 and _are_numbers(row[1:4])), path)
+    return _nodes((row for row in rows if len(row) >= 4 and _are_numbers(row[1 : 10 if len(row) == 10 else 4])), path)
 
 
 def _are_numbers(cells: Sequence[str]) -> bool:
@@ -173,7 +240,7 @@ def _are_numbers(cells: Sequence[str]) -> bool:
 
 
 def _nodes(rows: Iterable[Sequence[str]], path: Path) -> dict[str, FloatArray]:
-    found = {row[0]: np.array([*map(float, row[1:4])]) for row in rows}
+    found = {row[0]: np.array([*map(float, row[1 : 10 if len(row) == 10 else 4])]) for row in rows}
     if not found:
         raise InputError(f"{path}: holds no nodes; give lines node, x, y, z")
     return found

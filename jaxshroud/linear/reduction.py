@@ -86,7 +86,7 @@ class Factor(NamedTuple):
         return self.root @ (y + self.solved(right - self.scaled @ y))
 
 
-def stiffness_factor(K: Any, rigid: FloatArray | None) -> Factor:
+def stiffness_factor(K: Any, rigid: FloatArray) -> Factor:
     """The factor of a stiffness.
 
     Args:
@@ -117,13 +117,11 @@ def stiffness_factor(K: Any, rigid: FloatArray | None) -> Factor:
     return Factor(root, scaled, lu.solve)
 
 
-def _named_rigid(K: Any, rigid: FloatArray | None) -> str:
+def _named_rigid(K: Any, rigid: FloatArray) -> str:
     """The rigid motions that a stiffness leaves free, in words."""
-    if rigid is None:
-        return ": some motion has no stiffness"
     energy, own = (np.sum(rigid * (matrix @ rigid), axis=0) for matrix in (K, abs(K)))
     free = [name for name, share in zip(RIGID_NAMES, energy / own, strict=True) if abs(share) < RIGID_SHARE]
-    return f": the model is free to move as a whole ({', '.join(free)})" if free else ": a part of it is free to move"
+    return f": the model is free to move as a whole ({', '.join(free)})" if free else ": some motion has no stiffness"
 
 
 def lowest_modes(factor: Factor, M: Any, count: int) -> tuple[FloatArray, FloatArray]:
@@ -209,6 +207,17 @@ def reduced(
     )
 
 
+def real_shapes(shapes: Any) -> tuple[FloatArray, FloatArray]:
+    """Complex shapes (unknowns, n) turned to their largest real part, and how collinear each is, (n,).
+
+    Source:
+        |sum phi^2| / sum |phi|^2, which is 1 of a real shape in any phase; its phase is half that of sum phi^2.
+    """
+    squares = np.sum(shapes**2, axis=0)
+    sizes = np.maximum(np.sum(np.abs(shapes) ** 2, axis=0), np.finfo(float).tiny)
+    return (shapes * np.exp(-0.5j * np.angle(squares))).real, np.abs(squares) / sizes
+
+
 class ShroudFit(NamedTuple):
     """The rigid motion (x, y, z and turns about them, in the shroud's frame) that fits the nodes of a shroud best."""
 
@@ -238,30 +247,32 @@ class ShroudFit(NamedTuple):
         return np.linalg.norm(own - fitted, axis=0) / whole, np.linalg.norm(unseen, axis=0) / whole
 
 
-def rigid_motions(places: FloatArray, directions: np.ndarray, origin: FloatArray, axes: FloatArray) -> FloatArray:
+def rigid_motions(
+    places: FloatArray, along: FloatArray, turns: np.ndarray, origin: FloatArray, axes: FloatArray
+) -> FloatArray:
     """What rigid motions in a frame make of unknowns, (m, 6).
 
     Args:
         places: Where the node of each unknown is (m, 3).
-        directions: Their directions: 1 to 3 along x, y and z of the model, 4 to 6 turns about them.
+        along: The unit vector along which it moves, or about which it turns, in the model's coordinates (m, 3).
+        turns: Whether it is a turn (m,).
         origin: That of the frame.
         axes: The unit vectors of the frame (3, 3), in rows.
     """
-    found = np.zeros((len(directions), 6))
-    for i, (place, direction) in enumerate(zip(places, directions, strict=True)):
-        component = (direction - 1) % 3
-        if direction > 3:
-            found[i, 3:] = axes[:, component]
-        else:
-            found[i, :3] = axes[:, component]
-            found[i, 3:] = np.cross(axes, place - origin)[:, component]
-    return found
+    own = along @ axes.T
+    swept = np.sum(np.cross(axes, (places - origin)[:, None]) * along[:, None], axis=-1)
+    return np.where(turns[:, None], np.hstack([0 * own, own]), np.hstack([own, swept]))
 
 
 def shroud_fit(
-    unknowns: np.ndarray, places: FloatArray, directions: np.ndarray, origin: FloatArray, axes: FloatArray
+    unknowns: np.ndarray,
+    places: FloatArray,
+    along: FloatArray,
+    turns: np.ndarray,
+    origin: FloatArray,
+    axes: FloatArray,
 ) -> ShroudFit:
-    """The fit of the unknowns of a shroud's nodes; the arguments are those of `rigid_motions`.
+    """The fit of the unknowns of a shroud's nodes; the other arguments are those of `rigid_motions`.
 
     Turns of nodes count only where displacements do not determine how the shroud moves, as those of one node.
 
@@ -269,11 +280,11 @@ def shroud_fit(
         InputError: The nodes do not determine how the shroud moves in its plane.
     """
     length = float(np.sqrt(np.mean(np.sum((places - origin) ** 2, axis=1)))) or 1.0
-    rigid = rigid_motions(places, directions, origin, axes)
+    rigid = rigid_motions(places, along, turns, origin, axes)
     rigid[:, 3:] /= length
-    weight = np.where(directions > 3, length, 1.0)
+    weight = np.where(turns, length, 1.0)
     lost: list[str] = []
-    for counts in (directions <= 3, directions > 0):
+    for counts in (~turns, turns | True):
         lost = _untold(weight[counts, None] * rigid[counts])
         if not lost:
             return ShroudFit(unknowns[counts], rigid[counts], weight[counts], length)

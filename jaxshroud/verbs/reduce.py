@@ -1,4 +1,4 @@
-"""The table of the modes of a blade, from the matrices of its finite elements."""
+"""The table of the modes of a blade, from the matrices of its finite elements or from shapes of a solver or a test."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,6 +14,7 @@ from jaxshroud.linear.reduction import (
     Reduced,
     ShroudFit,
     frame_of,
+    real_shapes,
     reduced,
     require_memory,
     rigid_motions,
@@ -24,6 +25,7 @@ from jaxshroud.linear.reduction import (
 from jaxshroud.scene.checks import InputError, count_argument, word_argument
 from jaxshroud.scene.keys import MAX_MODES
 from jaxshroud.scene.layout import COORDINATES
+from jaxshroud.scene.mode_table import with_frequencies
 from jaxshroud.scene.modes import SHAPES, ModalBlades, modal_blades
 from jaxshroud.scene.typed import FloatArray, typed
 from jaxshroud.whole_file import write_whole
@@ -111,7 +113,8 @@ def reduce(
         C: The damping, likewise; None: `zeta` for all modes.
         dofs: What each row is: "node.direction", with directions 1 to 3 along x, y and z of the model and 4 to 6 for
             turns about them.
-        nodes: Coordinates of nodes by their labels; those of the shroud at least.
+        nodes: Coordinates (3,) of nodes by their labels; those of the shroud at least. With them may stand (9,) the x
+            and the y axis of a node whose unknowns are not along those of the model.
         shroud: The labels of the shroud's nodes. Its motion is the rigid one that fits them best.
         fixed: Nodes, or unknowns such as "12.3", that are held.
         origin: The centre of the shroud; by default the mean of its nodes.
@@ -145,14 +148,14 @@ def reduce(
         if matrix.shape[0] != len(unknowns):
             raise InputError(f"{name} has {matrix.shape[0]} rows, but `dofs` names {len(unknowns)} unknowns.")
     require_memory(len(unknowns))
-    places = {str(node): np.asarray(place, float) for node, place in nodes.items()}
+    nodes = {str(node): place for node, place in nodes.items()}
     free = _free_unknowns(unknowns, fixed)
     stiffness, inertia = (matrix[free][:, free] for matrix in (stiffness, inertia))
     damping = None if damping is None else damping[free][:, free]
     unknowns = [unknowns[i] for i in free]
     axes = frame_of(x_axis, y_axis)
-    fit = _fit_of(unknowns, [*map(str, shroud)], places, origin, axes)
-    factor = stiffness_factor(stiffness, _rigid_of_all(unknowns, places, axes))
+    fit = _fit_of(unknowns, shroud, nodes, origin, axes)
+    factor = stiffness_factor(stiffness, _rigid_of_all(unknowns, nodes, axes))
     found = reduced(
         factor,
         inertia,
@@ -164,6 +167,99 @@ def reduce(
         least=_least_flexibility(contact_stiffness if residuals else 0.0, fit.length, mass),
     )
     return _in_si(found, fit, length, mass)
+
+
+@typed
+def reduce_shapes(
+    f: ArrayLike,
+    zeta: ArrayLike | float,
+    phi: Any,
+    *,
+    dofs: Sequence[str],
+    nodes: Mapping[str, ArrayLike],
+    shroud: Sequence[str],
+    mass: ArrayLike | float = 1.0,
+    residual: Any = False,
+    origin: Sequence[float] | None = None,
+    x_axis: Sequence[float] = (1.0, 0.0, 0.0),
+    y_axis: Sequence[float] = (0.0, 1.0, 0.0),
+    n_modes: int = 6,
+    least_collinearity: float = 0.8,
+    units: Units = "si",
+) -> ReducedBlade:
+    """The modes of a blade from the shapes of a solver or of a test.
+
+    Complex shapes are turned by the phase that makes their real part largest, which is kept. Unknowns that move in no
+    mode count as not measured.
+
+    Args:
+        f: Natural frequencies (n,) [Hz]; those below 1e-3 of the next one are rigid motions, 0.
+        zeta: Damping ratios (n,), or one for all.
+        phi: Shapes (unknowns, n), real or complex.
+        dofs: What each row of `phi` is, see `reduce`, as are the arguments that are not named here.
+        nodes: Coordinates of nodes by their labels.
+        shroud: The labels of the shroud's nodes.
+        mass: Modal masses (n,), by whose roots shapes are divided; 1: they are mass-normalised.
+        residual: Whether a shape is a residual vector (n,), which is no mode: it is kept beside `n_modes`.
+        origin: The centre of the shroud.
+        x_axis: The direction along l_oa.
+        y_axis: The direction of y.
+        n_modes: How many modes are kept, the lowest.
+        least_collinearity: The least |sum phi^2| / sum |phi|^2 of a kept shape, which is 1 of a real one.
+        units: Of places and shapes.
+
+    Raises:
+        InputError: Arrays are not of the same modes, a kept shape is too complex, or a kept mode damped above critical.
+    """
+    word_argument("units", units, Units)
+    count_argument("n_modes", n_modes, 1)
+    shapes = np.asarray(phi, complex)
+    unknowns = [unknown_of(label) for label in dofs]
+    try:
+        numbers = (np.broadcast_to(np.asarray(a, float), shapes.shape[1:]) for a in (f, zeta, mass, residual))
+        own_f, own_zeta, masses, added = numbers
+    except ValueError:
+        raise InputError(f"`phi` has {shapes.shape}, not as many modes as `f`, `zeta`, `mass` or `residual`.") from None
+    if len(shapes) != len(unknowns):
+        raise InputError(f"`phi` has {len(shapes)} rows, but `dofs` names {len(unknowns)} unknowns.")
+    if not (np.isfinite(shapes).all() and np.isfinite(own_f).all() and np.all(own_zeta >= 0) and np.all(masses > 0)):
+        raise InputError("Shapes and frequencies must be finite, `zeta` at least 0, and modal masses above 0.")
+    own_f = own_f.copy()
+    own_f[added == 0] = [mode["f"] for mode in with_frequencies([{"f": a} for a in own_f[added == 0].tolist()], "f")]
+    order = np.lexsort((own_f, added))
+    kept = order[(np.arange(len(order)) < n_modes) | (added[order] > 0)]
+    measured = np.any(shapes != 0, axis=1)
+    shapes, collinear = real_shapes(shapes[measured][:, kept] / np.sqrt(masses[kept]))
+    if np.any(collinear < least_collinearity):
+        j = int(np.argmin(collinear))
+        raise InputError(
+            f"Mode {kept[j]} at {own_f[kept[j]]:.6g} Hz is no real mode: its collinearity is {collinear[j]:.3g}, less "
+            f"than `least_collinearity` = {least_collinearity:g}; keep fewer, or lower that."
+        )
+    unknowns = [one for one, told in zip(unknowns, measured, strict=True) if told]
+    fit = _fit_of(unknowns, shroud, nodes, origin, frame_of(x_axis, y_axis))
+    omega = math.tau * own_f[kept]
+    found = Reduced(
+        omega=omega,
+        zeta=own_zeta[kept],
+        shapes=shapes,
+        at_shroud=fit.plane_forces(len(unknowns)).T @ shapes,
+        residual=added[kept] > 0,
+        left_out=np.full(3, np.nan),
+        own_omega=omega,
+    )
+    blade = _in_si(found, fit, *LENGTH_AND_MASS[units])
+    told = ", ".join(f"{a:.3f}" for a in collinear)
+    return replace(blade, notes=(*blade.notes, f"Collinearity of the shapes (1: real): {told}."))
+
+
+def _geometry(unknowns: Sequence[Unknown], nodes: Mapping[str, Any]) -> tuple[FloatArray, FloatArray, np.ndarray]:
+    """Where unknowns are, along or about which unit vectors, and whether they are turns."""
+    numbers = [np.asarray(nodes[one.node], float) for one in unknowns]
+    axes = [frame_of(a[3:6].tolist(), a[6:].tolist()) if len(a) > 3 else np.eye(3) for a in numbers]
+    along = [own[(one.direction - 1) % 3] for own, one in zip(axes, unknowns, strict=True)]
+    at = np.array([a[:3] for a in numbers])
+    return at, np.array(along), np.array([one.direction > 3 for one in unknowns])
 
 
 def _free_unknowns(unknowns: Sequence[Unknown], fixed: Sequence[str]) -> np.ndarray:
@@ -178,11 +274,11 @@ def _free_unknowns(unknowns: Sequence[Unknown], fixed: Sequence[str]) -> np.ndar
 def _fit_of(
     unknowns: Sequence[Unknown],
     shroud: Sequence[str],
-    nodes: Mapping[str, FloatArray],
+    nodes: Mapping[str, Any],
     origin: Sequence[float] | None,
     axes: FloatArray,
 ) -> ShroudFit:
-    wanted = {*shroud}
+    wanted = {*map(str, shroud)}
     own = np.array([i for i, one in enumerate(unknowns) if one.node in wanted], int)
     if lost := sorted(wanted - {unknowns[i].node for i in own}):
         raise InputError(f"`shroud` names node {lost[0]}, but no free row of the matrices is of it.")
@@ -192,17 +288,21 @@ def _fit_of(
         raise InputError(
             "Argument `shroud` must name the nodes of the shroud, at least three that are not on one line."
         )
-    center = np.mean([nodes[node] for node in shroud], axis=0) if origin is None else np.asarray(origin, float)
-    at = np.array([nodes[unknowns[i].node] for i in own])
-    return shroud_fit(own, at, np.array([unknowns[i].direction for i in own]), center, axes)
+    center = (
+        np.mean([np.asarray(nodes[node])[:3] for node in wanted], axis=0)
+        if origin is None
+        else np.asarray(origin, float)
+    )
+    return shroud_fit(own, *_geometry([unknowns[i] for i in own], nodes), center, axes)
 
 
-def _rigid_of_all(unknowns: Sequence[Unknown], nodes: Mapping[str, FloatArray], axes: FloatArray) -> FloatArray | None:
-    """What rigid motions make of all unknowns; None where some have no coordinates."""
-    if any(one.node not in nodes for one in unknowns):
-        return None
-    at = np.array([nodes[one.node] for one in unknowns])
-    return rigid_motions(at, np.array([one.direction for one in unknowns]), at.mean(axis=0), axes)
+def _rigid_of_all(unknowns: Sequence[Unknown], nodes: Mapping[str, Any], axes: FloatArray) -> FloatArray:
+    """What rigid motions make of all unknowns; 0 of those without coordinates, such as amplitudes of modes."""
+    placed = [i for i, one in enumerate(unknowns) if one.node in nodes]
+    at, along, turns = _geometry([unknowns[i] for i in placed], nodes)
+    found = np.zeros((len(unknowns), 6))
+    found[placed] = rigid_motions(at, along, turns, at.mean(axis=0), axes)
+    return found
 
 
 def _least_flexibility(contact_stiffness: float | None, size: float, mass: float) -> FloatArray:
@@ -216,15 +316,14 @@ def _least_flexibility(contact_stiffness: float | None, size: float, mass: float
 def _in_si(found: Reduced, fit: ShroudFit, length: float, mass: float) -> ReducedBlade:
     """The modes in SI units, with what is to be said of them."""
     f = found.omega / math.tau
-    kept = int(np.sum(~found.residual))
-    if np.any(found.zeta[:kept] > 1):
-        j = int(np.argmax(found.zeta[:kept] > 1))
+    if np.any(heavy := found.zeta > 1):
+        j = int(np.argmax(heavy))
         raise InputError(
             f"Mode {j} at {f[j]:.6g} Hz is damped above critical (zeta = {found.zeta[j]:.3g}); keep fewer."
         )
     if len(f) > MAX_MODES:
         raise InputError(f"There are {len(f)} modes with residual vectors, but at most {MAX_MODES}; keep fewer.")
-    none = np.full(len(f) - kept, np.nan)
+    none = np.full(len(f) - found.shapes.shape[1], np.nan)
     misfit, unseen = (np.concatenate([a, none]) for a in fit.shares(found.shapes))
     scale = np.sqrt(mass) * np.array([1.0, 1.0, length])[:, None]
     blade = ReducedBlade(
@@ -241,6 +340,21 @@ def _in_si(found: Reduced, fit: ShroudFit, length: float, mass: float) -> Reduce
 
 
 def _notes_on(blade: ReducedBlade, found: Reduced) -> Iterator[str]:
+    if np.isnan(blade.left_out).all():
+        yield "What the shapes leave out of the shroud's static flexibility is not known."
+    else:
+        yield from _notes_on_statics(blade, found)
+    if len(bent := np.flatnonzero(np.nan_to_num(blade.misfit) > LARGE_MISFIT)):
+        most = 100 * np.max(blade.misfit[bent])
+        which = ", ".join(map(str, bent))
+        yield f"Up to {most:.2g} % of the motion of the shroud's nodes is not rigid, in modes {which}."
+    low, high = USUAL_FREQUENCIES
+    elastic = blade.f[blade.f > 0]
+    if len(elastic) and not low <= elastic[0] <= high:
+        yield f"A blade whose first mode is at {elastic[0]:.3g} Hz rings absurdly: are the units right?"
+
+
+def _notes_on_statics(blade: ReducedBlade, found: Reduced) -> Iterator[str]:
     left = ", ".join(f"{100 * a:.3g} % along {name}" for name, a in zip(COORDINATES, blade.left_out, strict=True))
     carried = "which the residual vectors carry" if found.residual.any() else "which nothing carries"
     yield f"The modes leave out {left} of the shroud's static flexibility, {carried}."
@@ -248,8 +362,3 @@ def _notes_on(blade: ReducedBlade, found: Reduced) -> Iterator[str]:
     for j in np.flatnonzero(found.residual & (own > blade.f * (1 + 1e-9))):
         told = f"{own[j]:.4g} Hz" if own[j] < 1e30 else "that of no mass"
         yield f"Residual vector {j} has {blade.f[j]:.4g} Hz in the place of {told}: fewer steps, the same flexibility."
-    for j in np.flatnonzero(np.nan_to_num(blade.misfit) > LARGE_MISFIT):
-        yield f"Mode {j}: {100 * blade.misfit[j]:.2g} % of the motion of the shroud's nodes is not rigid."
-    low, high = USUAL_FREQUENCIES
-    if not low <= blade.f[0] <= high:
-        yield f"A blade whose first mode is at {blade.f[0]:.3g} Hz rings absurdly: are the units right?"
