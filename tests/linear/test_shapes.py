@@ -1,5 +1,8 @@
 """The table of modes from shapes of a solver or a test, in the forms in which they come, with their traps."""
 
+import re
+from pathlib import Path
+
 import beam_model
 import numpy as np
 import pytest
@@ -236,3 +239,47 @@ def test_amplitudes_of_modes_have_no_place_in_a_singular_model(model):
     )
     with pytest.raises(js.InputError, match=r"free to move as a whole \(x, y, z"):
         js.reduce(K, M, dofs=[*model.labels, "q1.1"], nodes=model.nodes, shroud=beam_model.TIPS)
+
+
+def lines_of_the_page(word):
+    """The block of code of docs/fem.md that imports a program."""
+    text = (Path(__file__).parents[2] / "docs" / "fem.md").read_text("utf-8")
+    (code,) = (block for block in re.findall(r"^```py\n(.*?)^```$", text, re.M | re.S) if word in block)
+    return code
+
+
+def test_the_lines_for_output4(tmp_path, monkeypatch):
+    op4 = pytest.importorskip("pyyeti.nastran.op4", reason="pyyeti is not needed otherwise")
+    monkeypatch.chdir(tmp_path)
+    K = np.diag(np.arange(1.0, 25.0))
+    op4.write("blade.op4", {"kxx": K, "mxx": np.eye(24)})
+    exec(lines_of_the_page("pyyeti"), {})
+    with np.load("blade.npz") as file:
+        np.testing.assert_array_equal(file["K"], K)
+        assert file["dofs"][6] == "11.1"
+
+
+def test_the_lines_for_uff(measured, tmp_path, monkeypatch):
+    pyuff = pytest.importorskip("pyuff", reason="pyuff is not needed otherwise")
+    monkeypatch.chdir(tmp_path)
+    phi = measured["phi"].reshape(4, 3, 4)
+    for j, f in enumerate(measured["f"]):
+        root = 2 * np.pi * f * (-ZETA[j] + 1j * np.sqrt(1 - ZETA[j] ** 2))
+        rows = {f"r{i + 1}": phi[:, i, j] for i in range(3)}
+        whole = {
+            "type": 55,
+            "analysis_type": 3,
+            "data_type": 5,
+            "n_data_per_node": 3,
+            "node_nums": [101, 102, 103, 104],
+        }
+        scale = {"mode_n": j + 1, "load_case": 1, "eig": root, "modal_a": 1j, "modal_b": 1.0}
+        pyuff.UFF("blade.unv").write_sets(
+            {**whole, **scale, **rows, "model_type": 1, "data_ch": 3, "spec_data_type": 8}, mode="add"
+        )
+    exec(lines_of_the_page("pyuff"), {})
+    with np.load("blade.npz") as file:
+        given = {name: file[name] for name in ("f", "zeta", "phi")}
+        np.testing.assert_allclose(given["zeta"], ZETA, rtol=1e-4)
+        blade = js.reduce_shapes(**measured | given | {"dofs": [*map(str, file["dofs"])]})
+    np.testing.assert_allclose(products(blade.phi), products(js.reduce_shapes(**measured).phi), rtol=1e-3, atol=1e-4)
