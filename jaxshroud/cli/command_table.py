@@ -596,6 +596,12 @@ COMMANDS = {
                 positive,
                 metavar="K",
             ),
+            Option("--at-speed", "K at a speed of the rotor, for B", path, metavar="FILE"),
+            Option("--speed", "that speed, such as 3000rpm", speed, 0.0, metavar="SPEED"),
+            Option(
+                "--cyclic", "frequencies over nodal diameters, for kappa: lines h, f1, f2 ...", path, metavar="FILE"
+            ),
+            Option("--blades", "of the ring of these", count(2), 0, metavar="N"),
             Option("--least-collinearity", "below which a complex shape is refused", number, 0.8, metavar="X"),
             Option("--units", "of the model", default="si", choices=("si", "mm-t-s", "mm-kg-s")),
             shared_option("--out", help="the table, for [blades] modes", metavar="FILE.csv"),

@@ -16,7 +16,7 @@ VECTORS = ("origin", "x_axis", "y_axis")
 
 def reduce_command(options: argparse.Namespace) -> None:
     """Write the table of the modes of a blade."""
-    from jaxshroud.io.finite_element import read_dofs, read_model, read_nodes
+    from jaxshroud.io.finite_element import read_dofs, read_matrix, read_model, read_nodes, read_numbers
     from jaxshroud.verbs.reduce import reduce, reduce_shapes
 
     require_free(options.out, options.force)
@@ -34,10 +34,15 @@ def reduce_command(options: argparse.Namespace) -> None:
     said |= {"dofs": dofs, "nodes": nodes, "shroud": _labels(options.shroud)}
     if model.shapes is None:
         said |= {name: getattr(options, name) for name in OF_MATRICES}
+        if options.at_speed is not None:
+            said |= {"K_at_speed": read_matrix(options.at_speed), "speed": options.speed}
         blade = reduce(model.K, model.M, C=model.C, fixed=_labels(options.fixed or ""), **said)
     else:
         shapes = {"zeta": options.zeta, **model.shapes}
         blade = reduce_shapes(**shapes, least_collinearity=options.least_collinearity, **said)
+    if options.cyclic is not None:
+        rows = read_numbers(options.cyclic)
+        blade = blade.in_ring(rows[:, 0], rows[:, 1:], options.blades)
     write(options.out, blade.csv.encode())
     print(blade)
     print(place_of(options.out))

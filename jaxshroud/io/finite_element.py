@@ -140,19 +140,25 @@ def read_matrix(path: Path) -> Any:
     _head_of_text(path)
     try:
         rows = np.loadtxt(path, ndmin=2)
-    except (ValueError, OSError) as error:
-        raise InputError(
-            f"{path}: is no Matrix Market file, nor columns `row column value` ({_first_line(error)}); "
-            f"files that Abaqus calls .mtx are neither: {INSTEAD_OF_OTHERS}"
-        ) from None
+    except ValueError:
+        rows = np.zeros((0, 3))
     if rows.shape[1] != 3 or not len(rows) or np.any(rows[:, :2] < 1) or np.any(rows[:, :2] % 1):
         raise InputError(
-            f"{path}: must have columns `row column value` with rows and columns from 1 on, as CalculiX writes them; "
-            f"other text, as of Abaqus, is not read: {INSTEAD_OF_OTHERS}"
+            f"{path}: is no Matrix Market file, nor columns `row column value` from 1 on, as CalculiX writes them; "
+            f"files that Abaqus calls .mtx are neither: {INSTEAD_OF_OTHERS}"
         )
     i, j = rows[:, :2].T.astype(int) - 1
     size = max(i.max(), j.max()) + 1
     return coo_array((rows[:, 2], (i, j)), shape=(size, size))
+
+
+def read_numbers(path: Path) -> FloatArray:
+    """The numbers of a CSV file below its head, (rows, columns)."""
+    _head_of_text(path)
+    try:
+        return np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+    except ValueError as error:
+        raise InputError(f"{path}: is no table of numbers below a head ({_first_line(error)})") from None
 
 
 def _first_line(error: Exception) -> str:
@@ -176,36 +182,32 @@ def _head_of_text(path: Path) -> bytes:
 
 def _arrays_of(path: Path) -> dict[str, Any] | None:
     """The arrays of a file of NumPy or MATLAB by their names; None of any other."""
+    from scipy.io import loadmat
+
     head = _head(path)
     try:
         if head.startswith(ZIP):
             with np.load(path, allow_pickle=False) as file:
                 return {name: file[name] for name in file.files}
-        if head.startswith(MATLAB + b"7.3"):
-            return _arrays_of_hdf5(path)
         if head.startswith(MATLAB):
-            from scipy.io import loadmat
-
-            arrays = {name: a for name, a in loadmat(path).items() if not name.startswith("__")}
-            if lost := [name for name, a in arrays.items() if getattr(a, "dtype", np.dtype("V")).kind == "V"]:
+            found = _arrays_of_hdf5(path) if head.startswith(MATLAB + b"7.3") else loadmat(path)
+            arrays = {name: a for name, a in found.items() if name[:1] not in "_#"}
+            if lost := [name for name, a in arrays.items() if not isinstance(a, np.ndarray) or a.dtype.kind == "V"]:
                 raise ValueError(f"{lost[0]} is an object")
             return arrays
     except (ValueError, OSError, NotImplementedError, TypeError, zipfile.BadZipFile) as error:
-        raise InputError(
-            f"{path}: cannot be read as plain arrays ({_first_line(error)}); {INSTEAD_OF_OTHERS}"
-        ) from None
+        why = _first_line(error)
+        raise InputError(f"{path}: cannot be read as plain arrays ({why}); {INSTEAD_OF_OTHERS}") from None
     return None
 
 
 def _arrays_of_hdf5(path: Path) -> dict[str, Any]:
-    """The arrays of a file of MATLAB 7.3, which are stored transposed."""
+    """The arrays of a file of MATLAB 7.3, which are stored transposed; None for what is no plain array."""
     import h5py
 
     with h5py.File(path) as file:
-        own: Any = {name: a for name, a in file.items() if not name.startswith("#")}
-        if lost := [name for name, a in own.items() if not isinstance(a, h5py.Dataset) or len(a.attrs) > 1]:
-            raise ValueError(f"{lost[0]} is no plain array of numbers")
-        return {name: a[()].T for name, a in own.items()}
+        found: Any = file.items()
+        return {name: a[()].T if isinstance(a, h5py.Dataset) and len(a.attrs) < 2 else None for name, a in found}
 
 
 def read_dofs(path: Path) -> tuple[str, ...]:

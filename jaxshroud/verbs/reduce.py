@@ -1,7 +1,7 @@
 """The table of the modes of a blade, from the matrices of its finite elements or from shapes of a solver or a test."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -14,12 +14,15 @@ from jaxshroud.linear.reduction import (
     Reduced,
     ShroudFit,
     frame_of,
+    growth_with_speed,
+    lowest_modes,
     real_shapes,
     reduced,
     require_memory,
     rigid_motions,
     shroud_fit,
     stiffness_factor,
+    stuck_frequencies,
     symmetric,
 )
 from jaxshroud.scene.checks import InputError, count_argument, word_argument
@@ -48,23 +51,61 @@ class ReducedBlade:
     unseen: FloatArray  # (n,) share that is out of the plane
     left_out: FloatArray  # (3,) share of the static flexibility that the modes without residual vectors leave out
     notes: tuple[str, ...]
+    B: FloatArray | None = None  # (n,) growth of omega^2 with the square of the speed
+    kappa: FloatArray | None = None  # (n,) coupling with the same mode of neighbours [1/s^2]
 
     def blades(self, count: int = 2) -> ModalBlades:
-        """So many alike blades of these modes."""
-        return modal_blades(self.f, self.zeta, self.phi, blades=count)
+        """So many alike blades of these modes: a pair, or those of a ring."""
+        further = dict(self._further)
+        if count > 2 and self.kappa is not None:
+            further["kappa"] = np.tile(self.kappa[:, None], count)
+        return modal_blades(self.f, self.zeta, self.phi, blades=count, **further)
+
+    @property
+    def _further(self) -> dict[str, FloatArray]:
+        return {name: a for name in ("B", "kappa") if (a := getattr(self, name)) is not None}
+
+    def in_ring(self, diameters: ArrayLike, f: ArrayLike, blades: int) -> "ReducedBlade":
+        """The blade on the disk of a ring, by the frequencies of each family of modes over nodal diameters.
+
+        Args:
+            diameters: The nodal diameters (m,).
+            f: The frequencies of the family of each mode there (m, modes) [Hz].
+            blades: The number of blades of the ring.
+
+        Raises:
+            InputError: There are not as many families as modes, or nodal diameters do not tell both numbers.
+
+        Source:
+            (2 pi f)^2 = omega^2 + 4 kappa sin^2(pi h / N), by least squares. Residual vectors are not coupled.
+        """
+        swept = 4 * np.sin(math.pi * np.asarray(diameters, float) / blades) ** 2
+        squares = (math.tau * np.asarray(f, float)) ** 2
+        kept = self.kind.count("mode")
+        by = np.stack([np.ones_like(swept), swept], axis=-1)
+        if squares.shape != (len(by), kept) or np.linalg.matrix_rank(by) < 2:
+            raise InputError(
+                f"{kept} modes need the frequencies of as many families at two nodal diameters or more, "
+                f"but the shape of these is {squares.shape}."
+            )
+        fitted = np.linalg.lstsq(by, squares)[0]
+        worst = np.max(np.abs(np.sqrt(np.maximum(by @ fitted, 0.0) / squares) - 1))
+        return replace(
+            self,
+            f=np.concatenate([np.sqrt(np.maximum(fitted[0], 0.0)) / math.tau, self.f[kept:]]),
+            kappa=np.concatenate([fitted[1], 0 * self.f[kept:]]),
+            notes=(*self.notes, f"One kappa a mode meets frequencies over nodal diameters to {100 * worst:.2g} %."),
+        )
 
     @property
     def csv(self) -> str:
         """The table, as `[blades] modes` names it."""
-        units = {"f": " [Hz]"}
-        names = ("f", "zeta", *SHAPES)
-        columns = [self.f, self.zeta, *self.phi]
-        rows = [[repr(float(a[j])) for a in columns] for j in range(len(self.f))]
-        shares = (self.misfit, self.unseen)
-        told = [["" if math.isnan(a[j]) else f"{a[j]:.3g}" for a in shares] for j in range(len(self.f))]
-        lines = [",".join([*(f"{name}{units.get(name, '')}" for name in names), "kind", "misfit", "unseen"])]
-        lines += [",".join([*row, kind, *own]) for row, kind, own in zip(rows, self.kind, told, strict=True)]
-        return "\n".join(lines) + "\n"
+        numbers = {"f [Hz]": self.f, "zeta": self.zeta, **dict(zip(SHAPES, self.phi, strict=True)), **self._further}
+        columns: dict[str, Iterable[str]] = {name: [repr(float(x)) for x in a] for name, a in numbers.items()}
+        columns["kind"] = self.kind
+        for name in ("misfit", "unseen"):
+            columns[name] = ["" if math.isnan(x) else f"{x:.3g}" for x in getattr(self, name)]
+        return "".join(f"{','.join(row)}\n" for row in (columns, *zip(*columns.values(), strict=True)))
 
     def save(self, path: str | Path) -> None:
         """Write the table."""
@@ -100,6 +141,8 @@ def reduce(
     residuals: bool = True,
     residual_frequency: float | None = None,
     contact_stiffness: float | None = None,
+    K_at_speed: Any = None,
+    speed: float = 0.0,
     units: Units = "si",
 ) -> ReducedBlade:
     """The modes of a blade, with residual vectors, from the matrices of its finite elements.
@@ -126,6 +169,8 @@ def reduce(
         residual_frequency: The frequency [Hz] that residual vectors above it are given, with the same flexibility; by
             default eight times that of the highest mode, and `inf` keeps their own.
         contact_stiffness: That of contact [N/m]; residual vectors of less than 1 % of its flexibility are left out.
+        K_at_speed: The stiffness at a speed of the rotor, from which `B` follows by pairs of modes that are alike.
+        speed: That speed [rad/s].
         units: Of the model: "si", "mm-t-s" (N and mm), or "mm-kg-s".
 
     Returns:
@@ -141,32 +186,46 @@ def reduce(
     word_argument("units", units, Units)
     count_argument("n_modes", n_modes, 1)
     length, mass = LENGTH_AND_MASS[units]
-    stiffness, inertia = symmetric(K, "K"), symmetric(M, "M")
-    damping = None if C is None else symmetric(C, "C")
+    if K_at_speed is not None and not speed > 0:
+        raise InputError("`K_at_speed` needs its `speed`, above 0.")
+    given = {"K": K, "M": M, "C": C, "K_at_speed": K_at_speed}
+    matrices = {name: symmetric(a, name) for name, a in given.items() if a is not None}
     unknowns = [unknown_of(label) for label in dofs]
-    for name, matrix in (("K", stiffness), ("M", inertia), *([] if damping is None else [("C", damping)])):
+    for name, matrix in matrices.items():
         if matrix.shape[0] != len(unknowns):
             raise InputError(f"{name} has {matrix.shape[0]} rows, but `dofs` names {len(unknowns)} unknowns.")
     require_memory(len(unknowns))
     nodes = {str(node): place for node, place in nodes.items()}
     free = _free_unknowns(unknowns, fixed)
-    stiffness, inertia = (matrix[free][:, free] for matrix in (stiffness, inertia))
-    damping = None if damping is None else damping[free][:, free]
+    matrices = {name: matrix[free][:, free] for name, matrix in matrices.items()}
+    inertia, damping, running = (matrices.get(name) for name in ("M", "C", "K_at_speed"))
     unknowns = [unknowns[i] for i in free]
     axes = frame_of(x_axis, y_axis)
     fit = _fit_of(unknowns, shroud, nodes, origin, axes)
-    factor = stiffness_factor(stiffness, _rigid_of_all(unknowns, nodes, axes))
-    found = reduced(
-        factor,
-        inertia,
-        damping,
-        fit.plane_forces(len(unknowns)),
-        count=n_modes,
-        zeta=zeta,
-        limit=None if residual_frequency is None else math.tau * residual_frequency,
-        least=_least_flexibility(contact_stiffness if residuals else 0.0, fit.length, mass),
+    rigid = _rigid_of_all(unknowns, nodes, axes)
+    factor = stiffness_factor(matrices["K"], rigid)
+    omega, shapes = lowest_modes(factor, inertia, n_modes)
+    found, more = (
+        reduced(
+            factor,
+            inertia,
+            damping,
+            fit.plane_forces(len(unknowns)),
+            omega=omega[:count],
+            shapes=shapes[:, :count],
+            zeta=zeta,
+            limit=None if residual_frequency is None else math.tau * residual_frequency,
+            least=_least_flexibility(contact_stiffness if residuals else 0.0, fit.length, mass),
+        )
+        for count in (n_modes, len(omega))
     )
-    return _in_si(found, fit, length, mass)
+    blade = _in_si(found, fit, length, mass)
+    blade = replace(blade, notes=(*blade.notes, *_notes_on_more(found, more)))
+    if running is None:
+        return blade
+    at_speed = lowest_modes(stiffness_factor(running, rigid), inertia, n_modes)
+    B = growth_with_speed(inertia, (found.omega[:n_modes], found.shapes), at_speed, speed)
+    return replace(blade, B=np.concatenate([B, np.zeros(len(blade.f) - n_modes)]))
 
 
 @typed
@@ -215,16 +274,16 @@ def reduce_shapes(
     count_argument("n_modes", n_modes, 1)
     shapes = np.asarray(phi, complex)
     unknowns = [unknown_of(label) for label in dofs]
-    try:
-        numbers = (np.broadcast_to(np.asarray(a, float), shapes.shape[1:]) for a in (f, zeta, mass, residual))
-        own_f, own_zeta, masses, added = numbers
-    except ValueError:
-        raise InputError(f"`phi` has {shapes.shape}, not as many modes as `f`, `zeta`, `mass` or `residual`.") from None
-    if len(shapes) != len(unknowns):
-        raise InputError(f"`phi` has {len(shapes)} rows, but `dofs` names {len(unknowns)} unknowns.")
-    if not (np.isfinite(shapes).all() and np.isfinite(own_f).all() and np.all(own_zeta >= 0) and np.all(masses > 0)):
+    numbers = [np.asarray(a, float) for a in (f, zeta, mass, residual)]
+    count = shapes.shape[-1]
+    if shapes.shape != (len(unknowns), count) or any(a.shape not in ((), (count,)) for a in numbers):
+        raise InputError(
+            f"`phi` has the shape {shapes.shape}, but must have {len(unknowns)} rows, as `dofs`, and as many columns "
+            "as there are `f`, `zeta`, `mass` and `residual`."
+        )
+    own_f, own_zeta, masses, added = (np.full(count, a) for a in numbers)
+    if not (np.isfinite([shapes.sum(), own_f.sum()]).all() and own_zeta.min() >= 0 < masses.min()):
         raise InputError("Shapes and frequencies must be finite, `zeta` at least 0, and modal masses above 0.")
-    own_f = own_f.copy()
     own_f[added == 0] = [mode["f"] for mode in with_frequencies([{"f": a} for a in own_f[added == 0].tolist()], "f")]
     order = np.lexsort((own_f, added))
     kept = order[(np.arange(len(order)) < n_modes) | (added[order] > 0)]
@@ -362,3 +421,15 @@ def _notes_on_statics(blade: ReducedBlade, found: Reduced) -> Iterator[str]:
     for j in np.flatnonzero(found.residual & (own > blade.f * (1 + 1e-9))):
         told = f"{own[j]:.4g} Hz" if own[j] < 1e30 else "that of no mass"
         yield f"Residual vector {j} has {blade.f[j]:.4g} Hz in the place of {told}: fewer steps, the same flexibility."
+
+
+def _notes_on_more(found: Reduced, more: Reduced) -> Iterator[str]:
+    """What one more mode would change."""
+    count = found.shapes.shape[1]
+    if more.shapes.shape[1] > count:
+        springs = 10 / np.sum((more.at_shroud / more.omega) ** 2, axis=1)
+        now, then = (stuck_frequencies(one, springs)[:count] for one in (found, more))
+        change = 100 * np.max(np.abs(now / then - 1))
+        left = ", ".join(f"{100 * a:.3g} %" for a in more.left_out)
+        yield f"With one more mode, at {more.omega[count] / math.tau:.4g} Hz, modes leave out {left};"
+        yield f"the first {count} frequencies on springs of ten times the shroud's stiffness change by {change:.2g} %."

@@ -294,3 +294,58 @@ def test_the_shipped_blade_is_that_of_the_model(model):
     blade = reduce(model, n_modes=3)
     modes = js.load("fem_blade").scene.blades.modes
     np.testing.assert_allclose([mode.f[0] for mode in modes], blade.f, rtol=1e-6)
+
+
+def test_one_more_mode_is_told(model):
+    def change(n, **changes):
+        (line,) = (note for note in reduce(model, n_modes=n, **changes).notes if "change by" in note)
+        return float(line.split()[-2])
+
+    # Residual vectors carry what modes alone lack.
+    assert change(6) < 0.1 < 1.0 < change(6, residuals=False)
+    blade = reduce(model, n_modes=3)
+    left = ", ".join(f"{100 * a:.3g} %" for a in reduce(model, n_modes=4).left_out)
+    assert any(left in note for note in blade.notes)
+
+
+def test_a_stiffness_at_speed_gives_the_growth_of_each_mode(model):
+    # Springs to the ground in proportion to the mass: omega^2 grows by B Omega^2, and shapes stay.
+    speed, B = 314.0, 1.7
+    K = model.K + B * speed**2 * model.M
+    blade = reduce(model, n_modes=3, K_at_speed=K, speed=speed)
+    np.testing.assert_allclose(blade.B[:3], B, rtol=1e-4)  # as omega^2 of the third is 1e4 times this
+    np.testing.assert_array_equal(blade.B[3:], 0.0)
+    scene = dataclasses.replace(js.load("fem_blade").scene, blades=blade.blades(12))
+    np.testing.assert_allclose(scene.blades.modes[0].B, B, rtol=1e-6)
+    # A spring at one corner turns the shapes.
+    K = model.K.copy()
+    K[model.labels.index("101.1"), model.labels.index("101.1")] += 1e7
+    with pytest.raises(js.InputError, match=r"Mode . is like none at speed \(MAC = 0"):
+        reduce(model, n_modes=3, K_at_speed=K, speed=speed)
+    with pytest.raises(js.InputError, match="needs its `speed`"):
+        reduce(model, K_at_speed=K)
+
+
+def test_frequencies_over_nodal_diameters_give_the_coupling(model, tmp_path, monkeypatch, capsys):
+    squares, kappa, h = (2 * np.pi * np.array([100.0, 500.0])) ** 2, np.array([1e4, -2e4]), np.array([0, 2, 5])
+    f = np.sqrt(squares + np.outer(4 * np.sin(np.pi * h / 12) ** 2, kappa)) / (2 * np.pi)
+    blade = reduce(model, n_modes=2).in_ring(h, f, 12)
+    np.testing.assert_allclose(blade.f[:2], [100.0, 500.0], rtol=1e-12)
+    np.testing.assert_allclose(blade.kappa[:2], kappa, rtol=1e-8)
+    np.testing.assert_array_equal(blade.kappa[2:], 0.0)
+    # Through a table into a ring.
+    monkeypatch.chdir(tmp_path)
+    model.save("blade.npz")
+    (tmp_path / "freq.csv").write_text(
+        "h,f1,f2\n" + "\n".join(f"{n},{a!r},{b!r}" for n, (a, b) in zip(h, f.tolist(), strict=True))
+    )
+    line = ["reduce", "blade.npz", "--shroud", ",".join(beam_model.TIPS), "--fixed", "0", "--modes", "2"]
+    line += ["--out", "blade.csv", "--cyclic", "freq.csv", "--blades"]
+    assert commands.main([*line, "12"]) == 0
+    scene = js.load("fem_blade", ["blades.modes=blade.csv"]).scene
+    np.testing.assert_allclose(scene.blades.modes[1].kappa, np.full(12, -2e4), rtol=1e-6)
+    assert blade.blades(12).modes[1].kappa.shape == (12,)
+    for change, words in (("h,f1\n0,100\n", "as many families"), ("h,f1,f2\n0,1,x\n", "no table of numbers")):
+        (tmp_path / "freq.csv").write_text(change)
+        assert commands.main([*line, "12", "--force"]) == 2
+        assert words in capsys.readouterr().err

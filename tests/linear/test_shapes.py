@@ -116,8 +116,8 @@ def test_directions_that_were_not_measured_are_left_out(measured):
 
 
 WRONG = {
-    "modes": ({"f": [1.0]}, "not as many modes"),
-    "rows": ({"dofs": ["1.1"]}, "`phi` has 12 rows"),
+    "modes": ({"f": [1.0]}, "as many columns"),
+    "rows": ({"dofs": ["1.1"]}, "must have 1 rows"),
     "numbers": ({"mass": 0.0}, "modal masses above 0"),
     "node": ({"shroud": ["999"]}, "names node 999"),
 }
