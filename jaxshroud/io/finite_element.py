@@ -69,7 +69,7 @@ class ModelArrays(NamedTuple):
     shapes: dict[str, Any] | None = None  # the arguments of `reduce_shapes` that it has
 
 
-OF_SHAPES = ("f", "zeta", "phi", "mass", "kind")
+OF_SHAPES = ("f", "zeta", "phi", "mass", "kind", "M")
 
 
 def read_model(paths: Sequence[Path]) -> ModelArrays:
@@ -93,7 +93,7 @@ def read_model(paths: Sequence[Path]) -> ModelArrays:
     labels = None if dofs is None else _unknowns((".".join(map(_plain, np.atleast_1d(one))) for one in dofs), first)
     nodes = None if rows is None else _nodes((list(map(_plain, row)) for row in rows), first)
     if shapes is not None:
-        shapes = {name: a if name == "phi" else np.ravel(a) for name, a in shapes.items()}
+        shapes = {name: a if name in ("phi", "M") else np.ravel(a) for name, a in shapes.items()}
         if (kinds := shapes.pop("kind", None)) is not None:
             shapes["residual"] = [str(kind).strip() == "residual" for kind in kinds]
     return ModelArrays(arrays.get("K"), arrays.get("M"), arrays.get("C"), labels, nodes, shapes)

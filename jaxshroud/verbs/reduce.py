@@ -238,6 +238,7 @@ def reduce_shapes(
     nodes: Mapping[str, ArrayLike],
     shroud: Sequence[str],
     mass: ArrayLike | float = 1.0,
+    M: Any = None,
     residual: Any = False,
     origin: Sequence[float] | None = None,
     x_axis: Sequence[float] = (1.0, 0.0, 0.0),
@@ -259,6 +260,7 @@ def reduce_shapes(
         nodes: Coordinates of nodes by their labels.
         shroud: The labels of the shroud's nodes.
         mass: Modal masses (n,), by whose roots shapes are divided; 1: they are mass-normalised.
+        M: The mass, by which it is checked that shapes are mass-normalised.
         residual: Whether a shape is a residual vector (n,), which is no mode: it is kept beside `n_modes`.
         origin: The centre of the shroud.
         x_axis: The direction along l_oa.
@@ -268,7 +270,8 @@ def reduce_shapes(
         units: Of places and shapes.
 
     Raises:
-        InputError: Arrays are not of the same modes, a kept shape is too complex, or a kept mode damped above critical.
+        InputError: Arrays are not of the same modes, a kept shape is too complex or not mass-normalised, or a kept mode
+            damped above critical.
     """
     word_argument("units", units, Units)
     count_argument("n_modes", n_modes, 1)
@@ -287,8 +290,12 @@ def reduce_shapes(
     own_f[added == 0] = [mode["f"] for mode in with_frequencies([{"f": a} for a in own_f[added == 0].tolist()], "f")]
     order = np.lexsort((own_f, added))
     kept = order[(np.arange(len(order)) < n_modes) | (added[order] > 0)]
+    shapes = shapes[:, kept] / np.sqrt(masses[kept])
+    if M is not None and np.max(off := np.abs(np.sum(shapes.conj() * (symmetric(M, "M") @ shapes), axis=0) - 1)) > 1e-3:
+        j = kept[np.argmax(off)]
+        raise InputError(f"Mode {j} at {own_f[j]:.6g} Hz is not mass-normalised by M; give its modal mass, `mass`.")
     measured = np.any(shapes != 0, axis=1)
-    shapes, collinear = real_shapes(shapes[measured][:, kept] / np.sqrt(masses[kept]))
+    shapes, collinear = real_shapes(shapes[measured])
     if np.any(collinear < least_collinearity):
         j = int(np.argmin(collinear))
         raise InputError(

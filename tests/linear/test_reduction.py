@@ -375,3 +375,67 @@ def test_frequencies_over_nodal_diameters_give_the_coupling(model, tmp_path, mon
         (tmp_path / "freq.csv").write_text(change)
         assert commands.main([*line, "12", "--force"]) == 2
         assert words in capsys.readouterr().err
+
+
+def changed(matrix, **entries):
+    other = matrix.copy()
+    for place, factor in entries.items():
+        i, j = map(int, place[1:].split("_"))
+        other[i, j] = factor * other[i, j] + (0.0 if other[i, j] else factor)
+    return other
+
+
+BAD_INPUT = {  # changes of the arrays of the file and of the command; the words of the answer
+    "asymmetric": (lambda m: {"K": changed(m.K, _20_21=1e7)}, {}, "K is not symmetric"),
+    "indefinite": (lambda m: {"K": changed(m.K, _20_20=0.5)}, {}, "K is not positive definite"),
+    "singular": (lambda m: {}, {"--fixed": "0.1,0.2,0.3"}, "free to move as a whole (turns about z)"),
+    "damped": (lambda m: {"C": m.K}, {}, "damped above critical"),
+    "missing node": (lambda m: {}, {"--shroud": "101,999"}, "names node 999"),
+    "on one line": (lambda m: {"nodes": on_one_line(m)}, {}, "do not determine"),
+    "units": (lambda m: {}, {"--units": "inch"}, "--units"),
+    "not normalised": (lambda m: shapes_of(m, 1.1), {}, "is not mass-normalised"),
+}
+
+
+def on_one_line(model):
+    return np.array([[float(node), 0.0, 0.0, place[2]] for node, place in model.nodes.items()])
+
+
+def shapes_of(model, factor):
+    free = model.free
+    M = model.M[np.ix_(free, free)]
+    squares, shapes = eigh(model.K[np.ix_(free, free)], M)
+    dofs = np.array(model.labels)[free]
+    return {
+        "phi": factor * shapes[:, :3],
+        "f": np.sqrt(squares[:3]) / (2 * np.pi),
+        "M": M,
+        "dofs": dofs,
+        "K": np.eye(2),
+    }
+
+
+@pytest.mark.parametrize("case", BAD_INPUT)
+def test_bad_input_gets_one_line_and_status_2(model, tmp_path, monkeypatch, capsys, case):
+    monkeypatch.chdir(tmp_path)
+    arrays, words, told = BAD_INPUT[case]
+    nodes = np.array([[float(node), *place] for node, place in model.nodes.items()])
+    translations = [i for i, label in enumerate(model.labels) if label[-1] in "123"]
+    given = {"K": model.K, "M": model.M, "dofs": np.array(model.labels), "nodes": nodes} | arrays(model)
+    if case == "on one line":  # turns of nodes would tell how the shroud turns
+        given |= {name: given[name][np.ix_(translations, translations)] for name in ("K", "M")}
+        given["dofs"] = given["dofs"][translations]
+    np.savez("blade.npz", **given)
+    line = {"--shroud": ",".join(beam_model.TIPS), "--out": "blade.csv"} | ({} if "phi" in given else {"--fixed": "0"})
+    status = exit_status(["reduce", "blade.npz", *(word for pair in (line | words).items() for word in pair)])
+    last = capsys.readouterr().err.strip().splitlines()[-1]
+    assert status == 2
+    assert told in last
+    assert not (tmp_path / "blade.csv").exists()
+
+
+def exit_status(words):
+    try:
+        return commands.main(words)
+    except SystemExit as stop:  # of the parser
+        return stop.code

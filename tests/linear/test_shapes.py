@@ -115,6 +115,18 @@ def test_directions_that_were_not_measured_are_left_out(measured):
         js.reduce_shapes(**measured | {"phi": phi})
 
 
+def test_shapes_are_checked_by_the_mass_where_that_is_given(model):
+    free = model.free
+    K, M = (matrix[np.ix_(free, free)] for matrix in (model.K, model.M))
+    squares, shapes = eigh(K, M)
+    given = {"dofs": [model.labels[i] for i in free], "nodes": model.nodes, "shroud": beam_model.TIPS, "M": M}
+    blade = js.reduce_shapes(np.sqrt(squares[:3]) / (2 * np.pi), 0.0, shapes[:, :3], **given)
+    assert len(blade.f) == 3
+    with pytest.raises(js.InputError, match=r"Mode 1 at .* is not mass-normalised"):
+        js.reduce_shapes(blade.f, 0.0, shapes[:, :3] * [1.0, 1.1, 1.0], **given)
+    js.reduce_shapes(blade.f, 0.0, shapes[:, :3] * [1.0, 1.1, 1.0], mass=[1.0, 1.21, 1.0], **given)
+
+
 WRONG = {
     "modes": ({"f": [1.0]}, "as many columns"),
     "rows": ({"dofs": ["1.1"]}, "must have 1 rows"),
