@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.csv_text import read_csv, read_csv_text
+from jaxshroud.scene.csv_text import read_csv_text
 from jaxshroud.scene.typed import FloatArray
 
 MATLAB = b"MATLAB "
@@ -58,63 +58,69 @@ def unknown_of(label: str) -> Unknown:
     return Unknown(match["node"], int(match["direction"]))
 
 
-class ModelArrays(NamedTuple):
-    """What files give of a model; None for what they do not."""
-
-    K: Any = None
-    M: Any = None
-    C: Any = None
-    dofs: tuple[str, ...] | None = None
-    nodes: dict[str, FloatArray] | None = None
-    shapes: dict[str, Any] | None = None  # the arguments of `reduce_shapes` that it has
+OF_MATRICES = (("K", "M"), ("C",))  # what a file must have, and what else it may
+OF_SHAPES = (("f", "phi"), ("zeta", "mass", "M", "kind"))
 
 
-OF_SHAPES = ("f", "zeta", "phi", "mass", "kind", "M")
+def read_model(paths: Sequence[Path]) -> dict[str, Any]:
+    """The arguments of `reduce`, or with shapes those of `reduce_shapes`, that files give.
 
-
-def read_model(paths: Sequence[Path]) -> ModelArrays:
-    """The matrices of files: one .npz with all of them, or K, then M, and C if there is one.
+    Args:
+        paths: One file with all of them, or those of K, then M, and C if there is one.
 
     Raises:
         InputError: A file cannot be read, or holds something else.
     """
     first = paths[0]
     if len(paths) > 1:
-        return ModelArrays(**dict(zip(("K", "M", "C"), map(read_matrix, paths), strict=False)))
+        return dict(zip(("K", "M", "C"), map(read_matrix, paths), strict=False))
     arrays = _arrays_of(first)
     if arrays is None:
         head = _head_of_text(first)
         arrays = _shapes_of_csv(first) if b"," in head and not head.startswith(MARKET) else {}
-    shapes = {name: arrays[name] for name in OF_SHAPES if name in arrays} if "phi" in arrays else None
-    missing = [name for name in (("K", "M") if shapes is None else ("f",)) if name not in arrays]
-    if missing:
+    needed, further = OF_SHAPES if "phi" in arrays else OF_MATRICES
+    if missing := [name for name in needed if name not in arrays]:
         raise InputError(f"{first}: holds no {missing[0]}; name the files of K and of M, or an .npz with both")
-    dofs, rows = arrays.get("dofs"), arrays.get("nodes")
-    labels = None if dofs is None else _unknowns((".".join(map(_plain, np.atleast_1d(one))) for one in dofs), first)
-    nodes = None if rows is None else _nodes((list(map(_plain, row)) for row in rows), first)
-    if shapes is not None:
-        shapes = {name: a if name in ("phi", "M") else np.ravel(a) for name, a in shapes.items()}
-        if (kinds := shapes.pop("kind", None)) is not None:
-            shapes["residual"] = [str(kind).strip() == "residual" for kind in kinds]
-    return ModelArrays(arrays.get("K"), arrays.get("M"), arrays.get("C"), labels, nodes, shapes)
+    found = {name: arrays[name] for name in (*needed, *further, "dofs", "nodes") if name in arrays}
+    if "dofs" in found:
+        found["dofs"] = _unknowns((".".join(map(_plain, np.atleast_1d(one))) for one in found["dofs"]), first)
+    if "nodes" in found:
+        found["nodes"] = _nodes((list(map(_plain, row)) for row in found["nodes"]), first)
+    if "kind" in found:
+        found["residual"] = np.char.strip(np.ravel(found.pop("kind"))) == "residual"
+    return found
+
+
+def _cells(path: Path) -> Any:
+    """The cells of a CSV file below its head, as text (rows, columns)."""
+    _head_of_text(path)
+    try:
+        return np.loadtxt(path, str, delimiter=",", skiprows=1, ndmin=2)
+    except ValueError as error:
+        raise InputError(f"{path}: is no table below a head ({_first_line(error)})") from None
+
+
+def _numbers(cells: Any, kind: type, path: Path) -> Any:
+    """The numbers of cells, complex ones with i or j."""
+    try:
+        return np.char.replace(np.char.replace(cells, "i", "j"), " ", "").astype(kind)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}; a cell is a number, as 0.1 or 0.1+0.2j") from None
+
+
+def read_numbers(path: Path) -> FloatArray:
+    """The numbers of a CSV file below its head, (rows, columns)."""
+    return _numbers(_cells(path), float, path)
 
 
 def _shapes_of_csv(path: Path) -> dict[str, Any]:
     """The arrays of a CSV file of shapes: a head, then lines of a name, or an unknown, and a cell of each mode."""
-    labels, *columns = read_csv(path).columns.values()
-    names = [label.partition("[")[0].strip() for label in labels]
-    lines = zip(names, zip(*columns, strict=True), strict=True)
-    try:
-        rows = [(name, cells if name == "kind" else [*map(_complex, cells)]) for name, cells in lines]
-    except ValueError as error:
-        raise InputError(f"{path}: {error}; a cell is a number, as 0.1 or 0.1+0.2j") from None
-    found = {name: np.real(row) for name, row in rows if name in OF_SHAPES}
-    dofs = [name for name in names if name not in OF_SHAPES]
-    return {**found, "phi": np.array([row for name, row in rows if name not in OF_SHAPES]), "dofs": dofs}
-
-
-def _complex(cell: str) -> complex:
-    return complex(cell.replace(" ", "").replace("i", "j"))
+    cells = _cells(path)
+    names = [label.partition("[")[0].strip() for label in cells[:, 0].tolist()]
+    rows = {name: row for name, row in zip(names, cells[:, 1:], strict=True) if name in ("f", *OF_SHAPES[1])}
+    found = {name: row if name == "kind" else _numbers(row, float, path) for name, row in rows.items()}
+    others = [i for i, name in enumerate(names) if name not in rows]
+    return {**found, "phi": _numbers(cells[others, 1:], complex, path), "dofs": [names[i] for i in others]}
 
 
 def _plain(value: Any) -> str:
@@ -150,15 +156,6 @@ def read_matrix(path: Path) -> Any:
     i, j = rows[:, :2].T.astype(int) - 1
     size = max(i.max(), j.max()) + 1
     return coo_array((rows[:, 2], (i, j)), shape=(size, size))
-
-
-def read_numbers(path: Path) -> FloatArray:
-    """The numbers of a CSV file below its head, (rows, columns)."""
-    _head_of_text(path)
-    try:
-        return np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
-    except ValueError as error:
-        raise InputError(f"{path}: is no table of numbers below a head ({_first_line(error)})") from None
 
 
 def _first_line(error: Exception) -> str:

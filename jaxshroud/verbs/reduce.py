@@ -277,9 +277,9 @@ def reduce_shapes(
     count_argument("n_modes", n_modes, 1)
     shapes = np.asarray(phi, complex)
     unknowns = [unknown_of(label) for label in dofs]
-    numbers = [np.asarray(a, float) for a in (f, zeta, mass, residual)]
+    numbers = [np.ravel(np.asarray(a, float)) for a in (f, zeta, mass, residual)]
     count = shapes.shape[-1]
-    if shapes.shape != (len(unknowns), count) or any(a.shape not in ((), (count,)) for a in numbers):
+    if shapes.shape != (len(unknowns), count) or not {a.size for a in numbers} <= {1, count}:
         raise InputError(
             f"`phi` has the shape {shapes.shape}, but must have {len(unknowns)} rows, as `dofs`, and as many columns "
             "as there are `f`, `zeta`, `mass` and `residual`."

@@ -206,8 +206,7 @@ def test_matrices_of_matlab(model, wanted, tmp_path, version):
     save = matlab_7_3 if version == "7.3" else lambda path, **arrays: savemat(path, arrays)
     unlike = model.K + np.triu(np.ones_like(model.K))  # shows whether it is transposed
     save(path, K=model.K, M=model.M, unlike=unlike, dofs=dofs, nodes=nodes)
-    read = read_model([path])
-    blade = js.reduce(read.K, read.M, dofs=read.dofs, nodes=read.nodes, shroud=beam_model.TIPS, fixed=["0"])
+    blade = js.reduce(**read_model([path]), shroud=beam_model.TIPS, fixed=["0"])
     np.testing.assert_allclose(blade.f, wanted.f, rtol=1e-6)  # of a dense solver
 
 
@@ -230,6 +229,7 @@ def test_objects_of_matlab_are_refused_with_what_to_save(tmp_path, monkeypatch, 
     [
         ("unknown,1\nf,100\n1.1,much\n", "a cell is a number"),
         ("unknown,1\nzeta,0.1\n1.1,1.0\n", "holds no f"),
+        ("unknown,1\nf,100\n1.1,1.0,2.0\n", "no table below a head"),
         ("unknown,1\nf,100\n1.8,1.0\n", "direction from 1 to 6"),
         ("unknown,1\nf,100\n1.1,1.0\n1.1,1.0\n", "stands for two rows"),
         ("unknown,1\nf,100,200\n1.1,1.0\n", "shapes.csv"),
