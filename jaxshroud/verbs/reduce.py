@@ -188,12 +188,8 @@ def reduce(
     length, mass = LENGTH_AND_MASS[units]
     if K_at_speed is not None and not speed > 0:
         raise InputError("`K_at_speed` needs its `speed`, above 0.")
-    given = {"K": K, "M": M, "C": C, "K_at_speed": K_at_speed}
-    matrices = {name: symmetric(a, name) for name, a in given.items() if a is not None}
     unknowns = [unknown_of(label) for label in dofs]
-    for name, matrix in matrices.items():
-        if matrix.shape[0] != len(unknowns):
-            raise InputError(f"{name} has {matrix.shape[0]} rows, but `dofs` names {len(unknowns)} unknowns.")
+    matrices = _matrices(len(unknowns), K=K, M=M, C=C, K_at_speed=K_at_speed)
     require_memory(len(unknowns))
     nodes = {str(node): place for node, place in nodes.items()}
     free = _free_unknowns(unknowns, fixed)
@@ -290,21 +286,21 @@ def reduce_shapes(
     own_f[added == 0] = [mode["f"] for mode in with_frequencies([{"f": a} for a in own_f[added == 0].tolist()], "f")]
     order = np.lexsort((own_f, added))
     kept = order[(np.arange(len(order)) < n_modes) | (added[order] > 0)]
+    own_f = own_f[kept]
     shapes = shapes[:, kept] / np.sqrt(masses[kept])
-    if M is not None and np.max(off := np.abs(np.sum(shapes.conj() * (symmetric(M, "M") @ shapes), axis=0) - 1)) > 1e-3:
-        j = kept[np.argmax(off)]
-        raise InputError(f"Mode {j} at {own_f[j]:.6g} Hz is not mass-normalised by M; give its modal mass, `mass`.")
+    for matrix in _matrices(len(unknowns), M=M).values():
+        modal = np.sum(shapes.conj() * (matrix @ shapes), axis=0)
+        _refuse(np.abs(modal - 1) > 1e-3, own_f, "is not mass-normalised by M; give its modal mass, `mass`")
     measured = np.any(shapes != 0, axis=1)
     shapes, collinear = real_shapes(shapes[measured])
-    if np.any(collinear < least_collinearity):
-        j = int(np.argmin(collinear))
-        raise InputError(
-            f"Mode {kept[j]} at {own_f[kept[j]]:.6g} Hz is no real mode: its collinearity is {collinear[j]:.3g}, less "
-            f"than `least_collinearity` = {least_collinearity:g}; keep fewer, or lower that."
-        )
+    worst = (
+        f"is no real mode: the least collinearity is {min(collinear):.3g}; keep fewer, or lower `least_collinearity`"
+    )
+    _refuse(collinear < least_collinearity, own_f, worst)
     unknowns = [one for one, told in zip(unknowns, measured, strict=True) if told]
+    nodes = {str(node): place for node, place in nodes.items()}
     fit = _fit_of(unknowns, shroud, nodes, origin, frame_of(x_axis, y_axis))
-    omega = math.tau * own_f[kept]
+    omega = math.tau * own_f
     found = Reduced(
         omega=omega,
         zeta=own_zeta[kept],
@@ -317,6 +313,22 @@ def reduce_shapes(
     blade = _in_si(found, fit, *LENGTH_AND_MASS[units])
     told = ", ".join(f"{a:.3f}" for a in collinear)
     return replace(blade, notes=(*blade.notes, f"Collinearity of the shapes (1: real): {told}."))
+
+
+def _matrices(rows: int, **given: Any) -> dict[str, Any]:
+    """Symmetric matrices of so many rows, without those that are None."""
+    found = {name: symmetric(a, name) for name, a in given.items() if a is not None}
+    for name, matrix in found.items():
+        if matrix.shape[0] != rows:
+            raise InputError(f"{name} has {matrix.shape[0]} rows, but `dofs` names {rows} unknowns.")
+    return found
+
+
+def _refuse(bad: Any, f: FloatArray, words: str) -> None:
+    """Raise an InputError that names the first bad mode, if there is any."""
+    if np.any(bad):
+        j = int(np.argmax(bad))
+        raise InputError(f"Mode {j} at {f[j]:.6g} Hz {words}.")
 
 
 def _geometry(unknowns: Sequence[Unknown], nodes: Mapping[str, Any]) -> tuple[FloatArray, FloatArray, np.ndarray]:
@@ -382,11 +394,7 @@ def _least_flexibility(contact_stiffness: float | None, size: float, mass: float
 def _in_si(found: Reduced, fit: ShroudFit, length: float, mass: float) -> ReducedBlade:
     """The modes in SI units, with what is to be said of them."""
     f = found.omega / math.tau
-    if np.any(heavy := found.zeta > 1):
-        j = int(np.argmax(heavy))
-        raise InputError(
-            f"Mode {j} at {f[j]:.6g} Hz is damped above critical (zeta = {found.zeta[j]:.3g}); keep fewer."
-        )
+    _refuse(found.zeta > 1, f, f"is damped above critical (zeta up to {max(found.zeta):.3g}); keep fewer")
     if len(f) > MAX_MODES:
         raise InputError(f"There are {len(f)} modes with residual vectors, but at most {MAX_MODES}; keep fewer.")
     none = np.full(len(f) - found.shapes.shape[1], np.nan)
