@@ -9,8 +9,8 @@ from jaxshroud.cli.terminal import CommandError, require_free
 from jaxshroud.io.files import place_of, write
 
 SAID_ALIKE = ("n_modes", "units")
-OF_MATRICES = ("zeta", "residuals", "residual_frequency", "contact_stiffness")
-BESIDE = {"dofs": "a line node.direction for each row", "nodes": "lines node, x, y, z"}
+SAID_OF_MATRICES = ("zeta", "residuals", "residual_frequency", "contact_stiffness")
+OTHER_FILES = {"dofs": "a line node.direction for each row", "nodes": "lines node, x, y, z"}
 VECTORS = ("origin", "x_axis", "y_axis")
 
 
@@ -25,7 +25,7 @@ def reduce_command(options: argparse.Namespace) -> None:
         given["dofs"] = read_dofs(options.dofs)
     if options.nodes is not None:
         given["nodes"] = read_nodes(options.nodes)
-    for name, what in BESIDE.items():
+    for name, what in OTHER_FILES.items():
         if name not in given:
             raise CommandError(f"{options.stiffness}: has no `{name}`; add --{name} FILE with {what}")
     given |= {name: getattr(options, name) for name in SAID_ALIKE} | {"shroud": _labels(options.shroud)}
@@ -34,7 +34,7 @@ def reduce_command(options: argparse.Namespace) -> None:
         given = {"zeta": options.zeta, "least_collinearity": options.least_collinearity, **given}
         blade = reduce_shapes(**given)
     else:
-        given |= {name: getattr(options, name) for name in OF_MATRICES} | {"fixed": _labels(options.fixed or "")}
+        given |= {name: getattr(options, name) for name in SAID_OF_MATRICES} | {"fixed": _labels(options.fixed or "")}
         if options.at_speed is not None:
             given |= {"K_at_speed": read_matrix(options.at_speed), "speed": options.speed}
         blade = reduce(**given)

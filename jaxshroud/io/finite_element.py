@@ -58,8 +58,8 @@ def unknown_of(label: str) -> Unknown:
     return Unknown(match["node"], int(match["direction"]))
 
 
-OF_MATRICES = (("K", "M"), ("C",))  # what a file must have, and what else it may
-OF_SHAPES = (("f", "phi"), ("zeta", "mass", "M", "kind"))
+ARRAYS_OF_MATRICES = (("K", "M"), ("C",))  # what a file must have, and what else it may
+ARRAYS_OF_SHAPES = (("f", "phi"), ("zeta", "mass", "M", "kind"))
 
 
 def read_model(paths: Sequence[Path]) -> dict[str, Any]:
@@ -78,7 +78,7 @@ def read_model(paths: Sequence[Path]) -> dict[str, Any]:
     if arrays is None:
         head = _head_of_text(first)
         arrays = _shapes_of_csv(first) if b"," in head and not head.startswith(MARKET) else {}
-    needed, further = OF_SHAPES if "phi" in arrays else OF_MATRICES
+    needed, further = ARRAYS_OF_SHAPES if "phi" in arrays else ARRAYS_OF_MATRICES
     if missing := [name for name in needed if name not in arrays]:
         raise InputError(f"{first}: holds no {missing[0]}; name the files of K and of M, or an .npz with both")
     found = {name: arrays[name] for name in (*needed, *further, "dofs", "nodes") if name in arrays}
@@ -117,7 +117,7 @@ def _shapes_of_csv(path: Path) -> dict[str, Any]:
     """The arrays of a CSV file of shapes: a head, then lines of a name, or an unknown, and a cell of each mode."""
     cells = _cells(path)
     names = [label.partition("[")[0].strip() for label in cells[:, 0].tolist()]
-    rows = {name: row for name, row in zip(names, cells[:, 1:], strict=True) if name in ("f", *OF_SHAPES[1])}
+    rows = {name: row for name, row in zip(names, cells[:, 1:], strict=True) if name in ("f", *ARRAYS_OF_SHAPES[1])}
     found = {name: row if name == "kind" else _numbers(row, float, path) for name, row in rows.items()}
     others = [i for i, name in enumerate(names) if name not in rows]
     return {**found, "phi": _numbers(cells[others, 1:], complex, path), "dofs": [names[i] for i in others]}

@@ -74,7 +74,7 @@ class ReducedBlade:
             blades: The number of blades of the ring.
 
         Raises:
-            InputError: There are not as many families as modes, or nodal diameters do not tell both numbers.
+            InputError: There are not as many families as modes, or nodal diameters do not determine both numbers.
 
         Source:
             (2 pi f)^2 = omega^2 + 4 kappa sin^2(pi h / N), by least squares. Residual vectors are not coupled.
