@@ -89,6 +89,7 @@ from .verbs.plan import method_for as method_for
 from .verbs.power import power as power
 from .verbs.reduce import ReducedBlade as ReducedBlade
 from .verbs.reduce import reduce as reduce
+from .verbs.reduce import reduce_shapes as reduce_shapes
 from .verbs.report import report as report
 from .verbs.response import response as response
 from .verbs.scatter import scatter as scatter

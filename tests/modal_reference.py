@@ -70,8 +70,9 @@ def motion_of(n: int) -> tuple[str, ...]:
 class ModalRun(row_reference.RowRun):
     """The run of a row by modes: behind the state of a row are the coordinates of the modes and their rates."""
 
-    def __init__(self, p: row_reference.RowParameters, modes: Modes, rtol: float):
+    def __init__(self, p: row_reference.RowParameters, modes: Modes, rtol: float, kappa: np.ndarray | None = None):
         super().__init__(p, rtol)
+        self.kappa = np.zeros((len(modes.f), len(p.gap))) if kappa is None else kappa  # (n, interfaces)
         self.modes, self.size = modes, modes.f.size
         start = np.zeros(2 * self.size)
         size = np.max(self.atol[: p.blades]) / np.max(np.abs(modes.shapes[0]))
@@ -92,13 +93,20 @@ class ModalRun(row_reference.RowRun):
         load += swing * np.array([F_0 * np.cos(beta), F_0 * np.sin(beta), p.M_0])
         q, rate = y[-2 * self.size :].reshape(2, *modes.f.shape)
         a = np.einsum("ajb,ab->jb", modes.shapes, load) - modes.c * rate - modes.k * q
+        for j in range(len(p.gap)):
+            left, right = p.sides(j)
+            pull = self.kappa[:, j] * (q[:, right] - q[:, left])
+            a[:, left] += pull
+            a[:, right] -= pull
         shrouds = [np.einsum("ajb,jb->ab", modes.shapes, z).ravel() for z in (rate, a)]
         return [*np.concatenate([*shrouds, np.zeros(3 + N), rate.ravel(), a.ravel()])]
 
 
-def corner_ends(p: row_reference.RowParameters, modes: Modes, periods: int) -> tuple[np.ndarray, dict] | None:
+def corner_ends(
+    p: row_reference.RowParameters, modes: Modes, periods: int, kappa: np.ndarray | None = None
+) -> tuple[np.ndarray, dict] | None:
     """States (periods, 6, N) at the ends of periods from rest, and the counts of events; None where it gives up."""
-    run, found = ModalRun(p, modes, 1e-12), []
+    run, found = ModalRun(p, modes, 1e-12, kappa), []
     for period in range(1, periods + 1):
         run.advance(period * run.period)
         if run.status != "ok":

@@ -128,6 +128,8 @@ def small(monkeypatch, tmp_path):
     (tmp_path / "measured.csv").write_text(MEASURED, "utf-8")
     (tmp_path / "designs.csv").write_text(*blocks(DOCS / "verbs" / "table.md", "csv"))
     beam_model.Model().save(tmp_path / "blade.npz")
+    (tmp_path / "shapes.csv").write_text(*blocks(DOCS / "verbs" / "reduce.md", "csv"))
+    (tmp_path / "nodes.txt").write_text("101,0.02,0.02,0.2\n102,0.02,-0.02,0.2\n")
     monkeypatch.setattr(trade, "SETTINGS", {contact: ways[:2] for contact, ways in trade.SETTINGS.items()})
     monkeypatch.setattr(arguments, "N_PERIODS", 4)
     monkeypatch.setattr(asked.Asked, "says_nothing", False)  # RK4, whose programs other tests compile too

@@ -561,14 +561,21 @@ COMMANDS = {
         module="stored_results",
     ),
     "reduce": Command(
-        "Make the table of a blade's modes of its finite elements: M, K and the nodes of its shroud.",
+        "Make the table of a blade's modes of its finite elements, or of shapes, and the nodes of its shroud.",
         "jaxshroud reduce blade.npz --shroud 177,178,179,180 --modes 6 --zeta 0.002 --out blade.csv",
         (
-            Option("stiffness", "K: .npz (of all matrices too), Matrix Market, or text of CalculiX", path, metavar="K"),
+            Option(
+                "stiffness",
+                "K: .npz or .mat (of all matrices, or of shapes), Matrix Market, text of CalculiX; or shapes: CSV",
+                path,
+                metavar="K",
+            ),
             Option("--mass", "M, in a file of its own", path, metavar="FILE"),
             Option("--damping", "C, in a file of its own", path, metavar="FILE"),
             Option("--dofs", "what each row is: lines node.direction", path, metavar="FILE"),
-            Option("--nodes", "coordinates, of the shroud's nodes at least: lines node, x, y, z", path, metavar="FILE"),
+            Option(
+                "--nodes", "coordinates, perhaps own axes: lines node, x, y, z, or with six more", path, metavar="FILE"
+            ),
             Option("--shroud", "nodes of the shroud, or @FILE", metavar="N1,N2", required=True),
             Option("--fixed", "nodes or unknowns that are held, or @FILE", metavar="N1,N2"),
             Option("--origin", "centre of the shroud; by default the mean of its nodes", vector, metavar="X,Y,Z"),
@@ -589,6 +596,13 @@ COMMANDS = {
                 positive,
                 metavar="K",
             ),
+            Option("--at-speed", "K at a speed of the rotor, for B", path, metavar="FILE"),
+            Option("--speed", "that speed, such as 3000rpm", speed, 0.0, metavar="SPEED"),
+            Option(
+                "--cyclic", "frequencies over nodal diameters, for kappa: lines h, f1, f2 ...", path, metavar="FILE"
+            ),
+            Option("--blades", "of the ring of these", count(2), 0, metavar="N"),
+            Option("--least-collinearity", "below which a complex shape is refused", number, 0.8, metavar="X"),
             Option("--units", "of the model", default="si", choices=("si", "mm-t-s", "mm-kg-s")),
             shared_option("--out", help="the table, for [blades] modes", metavar="FILE.csv"),
             shared_option("--force", help="replace an existing file"),

@@ -4,33 +4,43 @@ import argparse
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from jaxshroud.cli.terminal import CommandError, require_free
 from jaxshroud.io.files import place_of, write
 
-SAID_ALIKE = ("n_modes", "zeta", "residuals", "residual_frequency", "contact_stiffness", "units")
+SAID_ALIKE = ("n_modes", "units")
+SAID_OF_MATRICES = ("zeta", "residuals", "residual_frequency", "contact_stiffness")
+OTHER_FILES = {"dofs": "a line node.direction for each row", "nodes": "lines node, x, y, z"}
+VECTORS = ("origin", "x_axis", "y_axis")
 
 
 def reduce_command(options: argparse.Namespace) -> None:
     """Write the table of the modes of a blade."""
-    from jaxshroud.io.finite_element import read_dofs, read_model, read_nodes
-    from jaxshroud.verbs.reduce import reduce
+    from jaxshroud.io.finite_element import read_dofs, read_matrix, read_model, read_nodes, read_numbers
+    from jaxshroud.verbs.reduce import reduce, reduce_shapes
 
     require_free(options.out, options.force)
-    model = read_model([path for path in (options.stiffness, options.mass, options.damping) if path is not None])
-    dofs = model.dofs if options.dofs is None else read_dofs(options.dofs)
-    nodes = model.nodes if options.nodes is None else read_nodes(options.nodes)
-    if dofs is None:
-        raise CommandError(
-            "the rows of the matrices have no labels; add --dofs FILE with a line node.direction for each"
-        )
-    if nodes is None:
-        raise CommandError("the nodes have no coordinates; add --nodes FILE with lines node, x, y, z")
-    frame = {name: vector for name in ("origin", "x_axis", "y_axis") if (vector := getattr(options, name)) is not None}
-    said: dict[str, Any] = {name: getattr(options, name) for name in SAID_ALIKE}
-    labels = {"shroud": _labels(options.shroud), "fixed": _labels(options.fixed or "")}
-    blade = reduce(model.K, model.M, C=model.C, dofs=dofs, nodes=nodes, **labels, **frame, **said)
+    given = read_model([path for path in (options.stiffness, options.mass, options.damping) if path is not None])
+    if options.dofs is not None:
+        given["dofs"] = read_dofs(options.dofs)
+    if options.nodes is not None:
+        given["nodes"] = read_nodes(options.nodes)
+    for name, what in OTHER_FILES.items():
+        if name not in given:
+            raise CommandError(f"{options.stiffness}: has no `{name}`; add --{name} FILE with {what}")
+    given |= {name: getattr(options, name) for name in SAID_ALIKE} | {"shroud": _labels(options.shroud)}
+    given |= {name: vector for name in VECTORS if (vector := getattr(options, name)) is not None}
+    if "phi" in given:
+        given = {"zeta": options.zeta, "least_collinearity": options.least_collinearity, **given}
+        blade = reduce_shapes(**given)
+    else:
+        given |= {name: getattr(options, name) for name in SAID_OF_MATRICES} | {"fixed": _labels(options.fixed or "")}
+        if options.at_speed is not None:
+            given |= {"K_at_speed": read_matrix(options.at_speed), "speed": options.speed}
+        blade = reduce(**given)
+    if options.cyclic is not None:
+        rows = read_numbers(options.cyclic)
+        blade = blade.in_ring(rows[:, 0], rows[:, 1:], options.blades)
     write(options.out, blade.csv.encode())
     print(blade)
     print(place_of(options.out))

@@ -1,12 +1,15 @@
-"""Matrices of finite elements in files: of NumPy, Matrix Market and the text of CalculiX, with labels of unknowns.
+"""Finite elements in files: of NumPy, MATLAB, Matrix Market and the text of CalculiX, with labels of unknowns.
 
 | file | holds |
 |---|---|
 | `.npz` of NumPy | arrays `K`, `M`, perhaps `C`, `dofs` and `nodes`, dense; or one matrix as scipy.sparse saves it |
+| `.mat` of MATLAB | the same, as plain arrays |
+| `.npz` or `.mat` of shapes | arrays `f`, `phi`, perhaps `zeta`, `mass`, `kind`, `dofs` and `nodes` |
+| CSV of shapes | lines `f`, `zeta`, `mass`, `kind`, then `node.direction`, with a cell of each mode |
 | Matrix Market, under any suffix | one matrix |
 | three columns of text: row, column, value from 1 on | one matrix, as CalculiX writes it (.sti, .mas) |
 | unknowns: a line `node.direction` for each row | directions 1 to 3: along x, y, z; 4 to 6: turns about them |
-| nodes: lines `node, x, y, z` | coordinates, of the shroud's nodes at least |
+| nodes: lines `node, x, y, z` | coordinates; six more numbers are the x and the y axis of a node's unknowns |
 """
 
 import re
@@ -22,11 +25,14 @@ from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.csv_text import read_csv_text
 from jaxshroud.scene.typed import FloatArray
 
+MATLAB = b"MATLAB "
 MARKET = b"%%MatrixMarket"
 ZIP = b"PK\x03\x04"
 HDF5 = b"\x89HDF"
 LABEL = re.compile(r"\s*(?P<node>[^\s.,]+)\s*[.,\s]\s*(?P<direction>[1-6])\s*")
-INSTEAD_OF_OTHERS = "save K and M as Matrix Market (scipy.io.mmwrite) or in one .npz (numpy.savez)"
+INSTEAD_OF_OTHERS = (
+    "save K and M as Matrix Market (scipy.io.mmwrite), or as plain arrays in one .npz (numpy.savez) or .mat (save -v7)"
+)
 
 
 class Unknown(NamedTuple):
@@ -52,39 +58,75 @@ def unknown_of(label: str) -> Unknown:
     return Unknown(match["node"], int(match["direction"]))
 
 
-class ModelArrays(NamedTuple):
-    """What files give of a model; None for what they do not."""
-
-    K: Any = None
-    M: Any = None
-    C: Any = None
-    dofs: tuple[str, ...] | None = None
-    nodes: dict[str, FloatArray] | None = None
+ARRAYS_OF_MATRICES = (("K", "M"), ("C",))  # what a file must have, and what else it may
+ARRAYS_OF_SHAPES = (("f", "phi"), ("zeta", "mass", "M", "kind"))
 
 
-def read_model(paths: Sequence[Path]) -> ModelArrays:
-    """The matrices of files: one .npz with all of them, or K, then M, and C if there is one.
+def read_model(paths: Sequence[Path]) -> dict[str, Any]:
+    """The arguments of `reduce`, or with shapes those of `reduce_shapes`, that files give.
+
+    Args:
+        paths: One file with all of them, or those of K, then M, and C if there is one.
 
     Raises:
         InputError: A file cannot be read, or holds something else.
     """
     first = paths[0]
-    if len(paths) == 1:
-        arrays = _arrays_of_zip(first) if _head(first).startswith(ZIP) else {}
-        missing = [name for name in ("K", "M") if name not in arrays]
-        if missing:
-            raise InputError(f"{first}: holds no {missing[0]}; name the files of K and of M, or an .npz with both")
-        dofs = arrays.get("dofs")
-        labels = None if dofs is None else _unknowns((".".join(map(str, np.atleast_1d(one))) for one in dofs), first)
-        rows = arrays.get("nodes")
-        nodes = None if rows is None else _nodes((list(map(_plain, row)) for row in rows), first)
-        return ModelArrays(arrays["K"], arrays["M"], arrays.get("C"), labels, nodes)
-    matrices = dict(zip(("K", "M", "C"), map(read_matrix, paths), strict=False))
-    return ModelArrays(**matrices)
+    if len(paths) > 1:
+        return dict(zip(("K", "M", "C"), map(read_matrix, paths), strict=False))
+    arrays = _arrays_of(first)
+    if arrays is None:
+        head = _head_of_text(first)
+        arrays = _shapes_of_csv(first) if b"," in head and not head.startswith(MARKET) else {}
+    needed, further = ARRAYS_OF_SHAPES if "phi" in arrays else ARRAYS_OF_MATRICES
+    if missing := [name for name in needed if name not in arrays]:
+        raise InputError(f"{first}: holds no {missing[0]}; name the files of K and of M, or an .npz with both")
+    found = {name: arrays[name] for name in (*needed, *further, "dofs", "nodes") if name in arrays}
+    if "dofs" in found:
+        found["dofs"] = _unknowns((".".join(map(_plain, np.atleast_1d(one))) for one in found["dofs"]), first)
+    if "nodes" in found:
+        found["nodes"] = _nodes((list(map(_plain, row)) for row in found["nodes"]), first)
+    if "kind" in found:
+        found["residual"] = np.char.strip(np.ravel(found.pop("kind"))) == "residual"
+    return found
+
+
+def _cells(path: Path) -> Any:
+    """The cells of a CSV file below its head, as text (rows, columns)."""
+    _head_of_text(path)
+    try:
+        return np.loadtxt(path, str, delimiter=",", skiprows=1, ndmin=2)
+    except ValueError as error:
+        raise InputError(f"{path}: is no table below a head ({_first_line(error)})") from None
+
+
+def _numbers(cells: Any, kind: type, path: Path) -> Any:
+    """The numbers of cells, complex ones with i or j."""
+    try:
+        return np.char.replace(np.char.replace(cells, "i", "j"), " ", "").astype(kind)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}; a cell is a number, as 0.1 or 0.1+0.2j") from None
+
+
+def read_numbers(path: Path) -> FloatArray:
+    """The numbers of a CSV file below its head, (rows, columns)."""
+    return _numbers(_cells(path), float, path)
+
+
+def _shapes_of_csv(path: Path) -> dict[str, Any]:
+    """The arrays of a CSV file of shapes: a head, then lines of a name, or an unknown, and a cell of each mode."""
+    cells = _cells(path)
+    names = [label.partition("[")[0].strip() for label in cells[:, 0].tolist()]
+    rows = {name: row for name, row in zip(names, cells[:, 1:], strict=True) if name in ("f", *ARRAYS_OF_SHAPES[1])}
+    found = {name: row if name == "kind" else _numbers(row, float, path) for name, row in rows.items()}
+    others = [i for i, name in enumerate(names) if name not in rows]
+    return {**found, "phi": _numbers(cells[others, 1:], complex, path), "dofs": [names[i] for i in others]}
 
 
 def _plain(value: Any) -> str:
     """A number of a table of nodes as text: labels are whole."""
+    while isinstance(value, np.ndarray):  # a cell of MATLAB
+        value = value.item()
     return str(int(value)) if isinstance(value, float) and float(value).is_integer() else str(value)
 
 
@@ -97,24 +139,19 @@ def read_matrix(path: Path) -> Any:
     try:
         if head.startswith(MARKET):
             return mmread(path)
-        if head.startswith(ZIP):
-            arrays = _arrays_of_zip(path)
+        if (arrays := _arrays_of(path)) is not None:
             return load_npz(path) if "format" in arrays else next(iter(arrays.values()))
     except (ValueError, KeyError, OSError, NotImplementedError) as error:
         raise InputError(f"{path}: cannot be read as a matrix ({error}); {INSTEAD_OF_OTHERS}") from None
-    if head.startswith(HDF5) or b"\0" in head:
-        raise InputError(f"{path}: is in a form that is not read; {INSTEAD_OF_OTHERS}")
+    _head_of_text(path)
     try:
         rows = np.loadtxt(path, ndmin=2)
-    except (ValueError, OSError) as error:
-        raise InputError(
-            f"{path}: is no Matrix Market file, nor columns `row column value` ({_first_line(error)}); "
-            f"files that Abaqus calls .mtx are neither: {INSTEAD_OF_OTHERS}"
-        ) from None
+    except ValueError:
+        rows = np.zeros((0, 3))
     if rows.shape[1] != 3 or not len(rows) or np.any(rows[:, :2] < 1) or np.any(rows[:, :2] % 1):
         raise InputError(
-            f"{path}: must have columns `row column value` with rows and columns from 1 on, as CalculiX writes them; "
-            f"other text, as of Abaqus, is not read: {INSTEAD_OF_OTHERS}"
+            f"{path}: is no Matrix Market file, nor columns `row column value` from 1 on, as CalculiX writes them; "
+            f"files that Abaqus calls .mtx are neither: {INSTEAD_OF_OTHERS}"
         )
     i, j = rows[:, :2].T.astype(int) - 1
     size = max(i.max(), j.max()) + 1
@@ -133,12 +170,41 @@ def _head(path: Path) -> bytes:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
 
 
-def _arrays_of_zip(path: Path) -> dict[str, Any]:
+def _head_of_text(path: Path) -> bytes:
+    head = _head(path)
+    if head.startswith(HDF5) or b"\0" in head:
+        raise InputError(f"{path}: is in a form that is not read; {INSTEAD_OF_OTHERS}")
+    return head
+
+
+def _arrays_of(path: Path) -> dict[str, Any] | None:
+    """The arrays of a file of NumPy or MATLAB by their names; None of any other."""
+    from scipy.io import loadmat
+
+    head = _head(path)
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
-    except (ValueError, OSError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: cannot be read as .npz of plain arrays ({_first_line(error)})") from None
+        if head.startswith(ZIP):
+            with np.load(path, allow_pickle=False) as file:
+                return {name: file[name] for name in file.files}
+        if head.startswith(MATLAB):
+            found = _arrays_of_hdf5(path) if head.startswith(MATLAB + b"7.3") else loadmat(path)
+            arrays = {name: a for name, a in found.items() if name[:1] not in "_#"}
+            if lost := [name for name, a in arrays.items() if not isinstance(a, np.ndarray) or a.dtype.kind == "V"]:
+                raise ValueError(f"{lost[0]} is an object")
+            return arrays
+    except (ValueError, OSError, NotImplementedError, TypeError, zipfile.BadZipFile) as error:
+        why = _first_line(error)
+        raise InputError(f"{path}: cannot be read as plain arrays ({why}); {INSTEAD_OF_OTHERS}") from None
+    return None
+
+
+def _arrays_of_hdf5(path: Path) -> dict[str, Any]:
+    """The arrays of a file of MATLAB 7.3, which are stored transposed; None for what is no plain array."""
+    import h5py
+
+    with h5py.File(path) as file:
+        found: Any = file.items()
+        return {name: a[()].T if isinstance(a, h5py.Dataset) and len(a.attrs) < 2 else None for name, a in found}
 
 
 def read_dofs(path: Path) -> tuple[str, ...]:
@@ -162,7 +228,7 @@ def read_nodes(path: Path) -> dict[str, FloatArray]:
     """The coordinates of nodes, from lines `node, x, y, z`; other lines, such as keywords, are left out."""
     lines = read_csv_text(path, "a text file with lines node, x, y, z").splitlines()
     rows = (re.split(r"[,;\s]+", line.strip()) for line in lines)
-    return _nodes((row for row in rows if len(row) >= 4 and _are_numbers(row[1:4])), path)
+    return _nodes((row for row in rows if len(row) >= 4 and _are_numbers(row[1 : 10 if len(row) == 10 else 4])), path)
 
 
 def _are_numbers(cells: Sequence[str]) -> bool:
@@ -173,7 +239,7 @@ def _are_numbers(cells: Sequence[str]) -> bool:
 
 
 def _nodes(rows: Iterable[Sequence[str]], path: Path) -> dict[str, FloatArray]:
-    found = {row[0]: np.array([*map(float, row[1:4])]) for row in rows}
+    found = {row[0]: np.array([*map(float, row[1 : 10 if len(row) == 10 else 4])]) for row in rows}
     if not found:
         raise InputError(f"{path}: holds no nodes; give lines node, x, y, z")
     return found

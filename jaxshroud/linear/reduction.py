@@ -22,6 +22,7 @@ SINGULAR = 1e-13  # pivots, or eigenvalues, of a stiffness over the largest, wit
 RIGID_SHARE = 1e-9  # of the energy of a rigid motion over that of its unknowns alone
 NO_FLEXIBILITY = 1e-12  # of the residual flexibility over the whole: rounding
 NO_MASS = 1e-9  # of residual vectors over the largest, by (omega_highest / omega)^2
+LEAST_ALIKE = 0.9  # modal assurance criterion of a mode at rest and at speed
 FILL_BYTES = 372  # of a factor, times n^(4/3): that of solids, of 31 n^(4/3) numbers with their places
 RIGID_NAMES = ("x", "y", "z", "turns about x", "turns about y", "turns about z")
 
@@ -86,7 +87,7 @@ class Factor(NamedTuple):
         return self.root @ (y + self.solved(right - self.scaled @ y))
 
 
-def stiffness_factor(K: Any, rigid: FloatArray | None) -> Factor:
+def stiffness_factor(K: Any, rigid: FloatArray) -> Factor:
     """The factor of a stiffness.
 
     Args:
@@ -117,17 +118,15 @@ def stiffness_factor(K: Any, rigid: FloatArray | None) -> Factor:
     return Factor(root, scaled, lu.solve)
 
 
-def _named_rigid(K: Any, rigid: FloatArray | None) -> str:
+def _named_rigid(K: Any, rigid: FloatArray) -> str:
     """The rigid motions that a stiffness leaves free, in words."""
-    if rigid is None:
-        return ": some motion has no stiffness"
     energy, own = (np.sum(rigid * (matrix @ rigid), axis=0) for matrix in (K, abs(K)))
     free = [name for name, share in zip(RIGID_NAMES, energy / own, strict=True) if abs(share) < RIGID_SHARE]
-    return f": the model is free to move as a whole ({', '.join(free)})" if free else ": a part of it is free to move"
+    return f": the model is free to move as a whole ({', '.join(free)})" if free else ": some motion has no stiffness"
 
 
 def lowest_modes(factor: Factor, M: Any, count: int) -> tuple[FloatArray, FloatArray]:
-    """The lowest modes: omega (n,) and mass-normalised shapes (unknowns, n).
+    """The lowest modes, and the next one if there is any: omega (n,) and mass-normalised shapes (unknowns, n).
 
     Raises:
         InputError: M is not positive semidefinite, or has fewer modes.
@@ -149,28 +148,38 @@ def lowest_modes(factor: Factor, M: Any, count: int) -> tuple[FloatArray, FloatA
     found = int(np.sum(squares > 1e-14 * squares[0]))
     if found < count:
         raise InputError(f"The model has {found} modes, fewer than the {count} requested; keep fewer.")
-    omega = 1 / np.sqrt(squares[:count])
-    shapes = shapes[:, :count]
+    told = min(found, count + 1)
+    omega = 1 / np.sqrt(squares[:told])
+    shapes = shapes[:, :told]
     return omega, shapes / np.sqrt(np.sum(shapes * (M @ shapes), axis=0))
 
 
 def reduced(
-    factor: Factor, M: Any, C: Any, B: FloatArray, count: int, zeta: float, limit: float | None, least: FloatArray
+    factor: Factor,
+    M: Any,
+    C: Any,
+    B: FloatArray,
+    omega: FloatArray,
+    shapes: FloatArray,
+    zeta: float,
+    limit: float | None,
+    least: FloatArray,
 ) -> Reduced:
-    """The lowest modes and residual vectors.
+    """Modes and residual vectors.
 
     Args:
         factor: That of the stiffness.
         M: The mass.
         C: The damping; None: `zeta` for all.
         B: What forces on the shroud are to the unknowns, (unknowns, coordinates).
-        count: The number of modes.
+        omega: Those of the modes (n,).
+        shapes: Those of the modes (unknowns, n).
         zeta: Damping ratio where there is no C.
         limit: The circular frequency that residual vectors above it, and those without mass, are given; None: eight
             times that of the highest mode; inf: none.
         least: The flexibility (coordinates,) below which a residual vector is left out.
     """
-    omega, shapes = lowest_modes(factor, M, count)
+    count = len(omega)
     K_inverse_B = factor.solve(B)
     at_shroud = B.T @ shapes
     whole = B.T @ K_inverse_B
@@ -209,6 +218,41 @@ def reduced(
     )
 
 
+def stuck_frequencies(of: Reduced, stiffness: FloatArray) -> FloatArray:
+    """The natural frequencies [rad/s] of the shroud on springs along its coordinates."""
+    own = np.diag(of.omega**2) + of.at_shroud.T * stiffness @ of.at_shroud
+    return np.sqrt(np.linalg.eigvalsh(own))
+
+
+def growth_with_speed(
+    M: Any, rest: tuple[FloatArray, FloatArray], running: tuple[FloatArray, FloatArray], speed: float
+) -> FloatArray:
+    """The growth B of omega^2 of modes at rest, (n,), by the modes at a speed that are most like them.
+
+    Raises:
+        InputError: A mode is like none.
+
+    Source:
+        B = (omega_speed^2 - omega^2) / Omega^2 of pairs by MAC = (phi' M phi_speed)^2: shapes that turn are not in it.
+    """
+    alike = (rest[1].T @ (M @ running[1])) ** 2
+    if np.any(lost := alike.max(axis=1) < LEAST_ALIKE):
+        j = int(np.argmax(lost))
+        raise InputError(f"Mode {j} is like none at speed (MAC = {alike[j].max():.2g} < {LEAST_ALIKE}): shapes turn.")
+    return (running[0][np.argmax(alike, axis=1)] ** 2 - rest[0] ** 2) / speed**2
+
+
+def real_shapes(shapes: Any) -> tuple[FloatArray, FloatArray]:
+    """Complex shapes (unknowns, n) turned to their largest real part, and how collinear each is, (n,).
+
+    Source:
+        |sum phi^2| / sum |phi|^2, which is 1 of a real shape in any phase; its phase is half that of sum phi^2.
+    """
+    squares = np.sum(shapes**2, axis=0)
+    sizes = np.maximum(np.sum(np.abs(shapes) ** 2, axis=0), np.finfo(float).tiny)
+    return (shapes * np.exp(-0.5j * np.angle(squares))).real, np.abs(squares) / sizes
+
+
 class ShroudFit(NamedTuple):
     """The rigid motion (x, y, z and turns about them, in the shroud's frame) that fits the nodes of a shroud best."""
 
@@ -238,30 +282,32 @@ class ShroudFit(NamedTuple):
         return np.linalg.norm(own - fitted, axis=0) / whole, np.linalg.norm(unseen, axis=0) / whole
 
 
-def rigid_motions(places: FloatArray, directions: np.ndarray, origin: FloatArray, axes: FloatArray) -> FloatArray:
+def rigid_motions(
+    places: FloatArray, along: FloatArray, turns: np.ndarray, origin: FloatArray, axes: FloatArray
+) -> FloatArray:
     """What rigid motions in a frame make of unknowns, (m, 6).
 
     Args:
         places: Where the node of each unknown is (m, 3).
-        directions: Their directions: 1 to 3 along x, y and z of the model, 4 to 6 turns about them.
+        along: The unit vector along which it moves, or about which it turns, in the model's coordinates (m, 3).
+        turns: Whether it is a turn (m,).
         origin: That of the frame.
         axes: The unit vectors of the frame (3, 3), in rows.
     """
-    found = np.zeros((len(directions), 6))
-    for i, (place, direction) in enumerate(zip(places, directions, strict=True)):
-        component = (direction - 1) % 3
-        if direction > 3:
-            found[i, 3:] = axes[:, component]
-        else:
-            found[i, :3] = axes[:, component]
-            found[i, 3:] = np.cross(axes, place - origin)[:, component]
-    return found
+    own = along @ axes.T
+    swept = np.sum(np.cross(axes, (places - origin)[:, None]) * along[:, None], axis=-1)
+    return np.where(turns[:, None], np.hstack([0 * own, own]), np.hstack([own, swept]))
 
 
 def shroud_fit(
-    unknowns: np.ndarray, places: FloatArray, directions: np.ndarray, origin: FloatArray, axes: FloatArray
+    unknowns: np.ndarray,
+    places: FloatArray,
+    along: FloatArray,
+    turns: np.ndarray,
+    origin: FloatArray,
+    axes: FloatArray,
 ) -> ShroudFit:
-    """The fit of the unknowns of a shroud's nodes; the arguments are those of `rigid_motions`.
+    """The fit of the unknowns of a shroud's nodes; the other arguments are those of `rigid_motions`.
 
     Turns of nodes count only where displacements do not determine how the shroud moves, as those of one node.
 
@@ -269,11 +315,11 @@ def shroud_fit(
         InputError: The nodes do not determine how the shroud moves in its plane.
     """
     length = float(np.sqrt(np.mean(np.sum((places - origin) ** 2, axis=1)))) or 1.0
-    rigid = rigid_motions(places, directions, origin, axes)
+    rigid = rigid_motions(places, along, turns, origin, axes)
     rigid[:, 3:] /= length
-    weight = np.where(directions > 3, length, 1.0)
+    weight = np.where(turns, length, 1.0)
     lost: list[str] = []
-    for counts in (directions <= 3, directions > 0):
+    for counts in (~turns, turns | True):
         lost = _untold(weight[counts, None] * rigid[counts])
         if not lost:
             return ShroudFit(unknowns[counts], rigid[counts], weight[counts], length)
@@ -297,9 +343,8 @@ def frame_of(x_axis: Sequence[float], y_axis: Sequence[float]) -> FloatArray:
         InputError: The two directions are no directions, or one.
     """
     x, y = (np.asarray(a, float) for a in (x_axis, y_axis))
-    if x.shape != (3,) or y.shape != (3,) or not np.linalg.norm(np.cross(x, y)) > 1e-6 * np.linalg.norm(x + y):
+    z = np.cross(x, y) if x.shape == y.shape == (3,) else np.zeros(3)
+    if not np.linalg.norm(z) > 1e-6 * np.linalg.norm(x) * np.linalg.norm(y):
         raise InputError(f"`x_axis` and `y_axis` must be two directions of space, but are {[*x_axis]} and {[*y_axis]}.")
-    x = x / np.linalg.norm(x)
-    y = y - (x @ y) * x
-    y = y / np.linalg.norm(y)
-    return np.stack([x, y, np.cross(x, y)])
+    frame = np.stack([x, np.cross(z, x), z])
+    return frame / np.linalg.norm(frame, axis=1, keepdims=True)

@@ -4,6 +4,7 @@ Numbers are those of one interface, of a pair for instance, or arrays for all of
 absent. Both are linear: `linear_system.coupling_matrix` has them as matrices.
 """
 
+import operator
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -77,6 +78,17 @@ def neighbour_springs(scene: Scene) -> NeighbourSprings | None:
     if all(a is None for a in numbers.values()):
         return None
     return NeighbourSprings(**{name: ZERO if a is None else a for name, a in numbers.items()})
+
+
+def mode_stretches(q: tuple[Any, ...], closed: bool) -> list[Any]:
+    """The difference of each mode's coordinates right and left of each interface."""
+    return [right_of_interfaces(a, closed) - left_of_interfaces(a, closed) for a in q]
+
+
+def mode_pulls(kappa: tuple[Any, ...], q: tuple[Any, ...], closed: bool) -> list[Any]:
+    """The accelerations of the modes of each blade by equal modes of its neighbours."""
+    pulls = map(operator.mul, kappa, mode_stretches(q, closed))
+    return [sum_at_blades(pull, -pull, closed) for pull in pulls]
 
 
 def motions_of_pair(z: Motion) -> tuple[Motion, Motion]:

@@ -4,6 +4,7 @@ Coordinates are those of the shrouds, x of all N blades, then y, then theta. Bla
 them beside their contact. A lumped blade is its shroud; one by modes is seen by the receptances of its shroud.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -46,6 +47,8 @@ def free_system(scene: Scene) -> LinearSystem:
 
     def total(own: Any, kind: str) -> Any:
         diagonal = own[..., None] * np.eye(own.shape[-1], dtype=own.dtype)
+        if kind == "k" and modes is not None and modes.kappa:
+            diagonal = diagonal + between_neighbours(scene.layout, modes.kappa, own.shape[:-1])
         if not scene.is_coupled:
             return diagonal
         between = coupling_matrix(scene, kind)
@@ -89,14 +92,22 @@ def over_coordinates(a: Any, shroud: Any) -> Any:
 
 def coupling_matrix(scene: Scene, kind: str) -> Any:
     """The stiffness ("k") or the damping ("c") between the blades of a scene, (..., 3 N, 3 N): of springs and flow."""
-    layout, omega = scene.layout, scene.drive.omega
+    numbers = [
+        getattr(scene.coupling, f"{kind}_{suffix}") if scene.parts.has(name, 0) else None
+        for name, suffix in SUFFIXES.items()
+    ]
+    springs = between_neighbours(scene.layout, numbers, scene.drive.omega.shape)
+    return over_x(flow_matrix(scene, kind)) + springs
+
+
+def between_neighbours(layout: Layout, numbers: Sequence[Any], lanes: tuple[int, ...]) -> Any:
+    """The stiffness of springs between neighbours, a number (or None) at each interface of each coordinate."""
     apart = (np.eye(layout.blades) - next_blade(layout))[: layout.interfaces]  # left of each interface less right of it
-    whole = over_x(flow_matrix(scene, kind))
-    for i, (name, suffix) in enumerate(SUFFIXES.items()):
-        k = getattr(scene.coupling, f"{kind}_{suffix}")
-        if k is not None and scene.parts.has(name, 0):
-            D = np.kron(np.eye(3)[[i]], apart).astype(omega.dtype)
-            whole = whole + spring_stiffness(k.reshape(*omega.shape, -1), D)
+    whole = 0.0
+    for i, k in enumerate(numbers):
+        if k is not None:
+            D = np.kron(np.eye(len(numbers))[[i]], apart).astype(k.dtype)
+            whole = whole + spring_stiffness(k.reshape(*lanes, -1), D)
     return whole
 
 
@@ -190,8 +201,13 @@ def _of_lumped_blades(scene: Scene, omega: Scalar, load: Any) -> Any:
 
 
 def _of_modes(modes: ModeNumbers, scene: Scene, omega: Scalar, load: Any) -> Any:
-    """By the receptances H of the free shrouds: u = H (F - D_c u)."""
+    """By the receptances of the modes, or of coupled blades by all their coordinates."""
     count = scene.layout.blades
+    if scene.is_coupled or modes.kappa:
+        mass, damping, stiffness = free_system(scene)
+        shroud: Any = shroud_map(scene).astype(load.dtype)
+        dynamic = lax.complex(stiffness - jnp.diag(mass * omega**2), damping * omega)
+        return (shroud @ solved(dynamic, load @ shroud)).reshape(3, count)
     shapes = jnp.stack([jnp.stack(shape) for shape in modes.shapes])  # (3, n, blades)
     shapes = shapes * moving_coordinates(scene).reshape(3, 1, -1).astype(shapes.dtype)
     k, c = (jnp.stack(a) for a in (modes.stiffness, modes.damping))
@@ -200,12 +216,7 @@ def _of_modes(modes: ModeNumbers, scene: Scene, omega: Scalar, load: Any) -> Any
     unbounded = jnp.where(omega == 0, 0.0, jnp.inf).astype(of_modes.dtype)  # a rigid motion has no static place
     receptance = jnp.where(of_modes == 0, unbounded, 1 / jnp.where(of_modes == 0, 1.0, of_modes))
     H = jnp.einsum("amn,bmn->abn", shapes * receptance, shapes)
-    if not scene.is_coupled:
-        return jnp.einsum("abn,bn->an", H, load.reshape(3, count))
-    receptance = (H.swapaxes(1, 2)[..., None] * jnp.eye(count, dtype=H.dtype)[:, None]).reshape(3 * count, -1)
-    coupled = lax.complex(coupling_matrix(scene, "k"), omega * coupling_matrix(scene, "c"))
-    system = jnp.eye(3 * count, dtype=H.dtype) + receptance @ coupled
-    return solved(system, receptance @ load).reshape(3, count)
+    return jnp.einsum("abn,bn->an", H, load.reshape(3, count))
 
 
 def solved(matrix: Complex[Array, "n n"], right: Complex[Array, " n"]) -> Complex[Array, " n"]:

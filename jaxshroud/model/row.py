@@ -14,6 +14,7 @@ block by block. In a closed row that is flat all round a uniform circulating tor
 taken.
 """
 
+import operator
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -42,6 +43,7 @@ from jaxshroud.model.blade import (
     AnyBlade,
     BladeForces,
     blades_of_row,
+    dot,
     modal_blades_of,
     pair_by_modes,
 )
@@ -52,6 +54,8 @@ from jaxshroud.model.coupling import (
     forces_of_flow,
     forces_of_springs,
     half_losses,
+    mode_pulls,
+    mode_stretches,
     neighbour_springs,
     spring_energies,
 )
@@ -101,6 +105,7 @@ class RowModel(eqx.Module):
     static: StaticPosition | None  # of each blade, from which power is measured; None: from rest
     interfaces: Model  # the pair at each interface
     coupling: NeighbourSprings | None  # between neighbours
+    kappa: tuple[Any, ...]  # between equal modes of neighbours [1/s^2]; empty without any
     aero: AeroMatrices | None  # of the flow
     closed: bool = eqx.field(static=True)
     parts: Parts = eqx.field(static=True)
@@ -173,6 +178,7 @@ def _row_of_pair(model: Model, scene: Scene) -> RowModel:
         static=along_blades(model.static),
         interfaces=at_interface(model),
         coupling=at_interface(model.coupling),
+        kappa=at_interface(() if modes is None else modes.kappa),
         aero=None,
         closed=False,
         parts=model.parts,
@@ -195,6 +201,7 @@ def prepared_row(scene: Scene) -> RowModel:
         static_position(scene),
         pairs,
         neighbour_springs(scene),
+        () if scene.mode_numbers is None else scene.mode_numbers.kappa,
         aero_matrices(scene),
         row.closed,
         scene.parts,
@@ -439,7 +446,11 @@ def blade_rates(
 def rates_of_blades(z: Any, wave: Any, R: BladeForces, model: RowModel, recorded: Recorded, each: Each) -> BladeRates:
     """`blade_rates` of every blade: fields (N, lanes)."""
     rates = partial(blade_rates, recorded=recorded)
-    return over(each, rates, z, wave, R, model.blades, model.drive, model.inverse, model.gyration, model.static)
+    found = over(each, rates, z, wave, R, model.blades, model.drive, model.inverse, model.gyration, model.static)
+    if not model.kappa:
+        return found
+    pulls = mode_pulls(model.kappa, z.q, model.closed)
+    return found._replace(acceleration=tuple(map(operator.add, found.acceleration, pulls)))
 
 
 def row_rhs(
@@ -496,7 +507,12 @@ def coupling_losses(z: Any, model: RowModel) -> Any:
 
 def coupling_energies(z: Any, model: RowModel) -> Any:
     """The energy of the springs between neighbours at each interface [J]; absent without them."""
-    return ZERO if model.coupling is None else spring_energies(model.blades.shroud(z), model.coupling, model.closed)
+    between = ZERO
+    if model.coupling is not None:
+        between = between + spring_energies(model.blades.shroud(z), model.coupling, model.closed)
+    if model.kappa:
+        between = between + dot(model.kappa, [a * a for a in mode_stretches(z.q, model.closed)]) / 2
+    return between
 
 
 def blade_energies(z: Any, model: RowModel, each: Each) -> OfBlades:

@@ -217,6 +217,9 @@ MODE_KEYS = {  # of each mode of a blade, by their names in its table [[blades.m
             0.0,
         ),
         blade_key("mode.B", "", ANY, "B_{%s}", "growth with speed", 1.5, "growth of omega^2, by speed^2", None),
+        interface_key(
+            "mode.kappa", "1/s^2", ANY, r"\kappa_{%s}", "coupling", 2e4, "coupling with this mode of neighbours", None
+        ),
     )
 }
 PLACE_KEY = scene_key("contact.place", "m", ANY, "s_{%s}", "place", "17.5 mm", "place up the face from its middle")

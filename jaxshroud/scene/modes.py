@@ -1,6 +1,7 @@
 """Blades by their modes, as a finite-element model or a test gives them: frequencies, damping, shapes at the shroud."""
 
 import math
+import operator
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -11,8 +12,9 @@ from numpy.typing import ArrayLike
 from jaxshroud.cache.programs import is_traced
 from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.fields import PerBlade, per_blade
+from jaxshroud.scene.fields import PerBlade, per_blade, scalar
 from jaxshroud.scene.keys import ALL_KEYS, MAX_MODES, MODE_KEYS
+from jaxshroud.scene.laws import Number
 from jaxshroud.scene.layout import COORDINATES, Parts
 from jaxshroud.scene.speed import grown
 from jaxshroud.scene.typed import short_repr, typed
@@ -26,7 +28,8 @@ class BladeMode(eqx.Module):
     """One mode of each blade: its frequency and damping at rest, and its mass-normalised shape at the shroud's centre.
 
     c = 2 zeta omega stays as it is when omega^2 grows with the speed Omega of the rotor, by B Omega^2. A frequency of
-    0 is that of a rigid motion.
+    0 is that of a rigid motion. The disk couples equal modes of neighbours by -kappa (2 q_i - q_(i-1) - q_(i+1)): a
+    ring vibrates in nodal diameter h by omega^2 + 4 kappa sin^2(pi h / N).
     """
 
     f: PerBlade = eqx.field(converter=per_blade)  # natural frequency [Hz]
@@ -35,6 +38,7 @@ class BladeMode(eqx.Module):
     phi_y: PerBlade = eqx.field(converter=per_blade, default=0.0)
     phi_theta: PerBlade = eqx.field(converter=per_blade, default=0.0)  # positive clockwise [rad m^-1 kg^-1/2]
     B: PerBlade | None = eqx.field(converter=per_blade, default=None)  # growth with the speed; None: 0
+    kappa: Number | None = eqx.field(converter=scalar, default=None)  # coupling at each interface [1/s^2]; None: 0
 
 
 class ModeNumbers(NamedTuple):
@@ -43,6 +47,7 @@ class ModeNumbers(NamedTuple):
     stiffness: tuple[Any, ...]  # k_j, with mistuning and at the scene's speed [1/s^2]
     damping: tuple[Any, ...]  # c_j [1/s]
     shapes: tuple[tuple[Any, ...], ...]  # of x, y and theta, each a number of each mode
+    kappa: tuple[Any, ...] = ()  # coupling at each interface [1/s^2]; empty without any
 
     def equivalent(self) -> Blades:
         """The lumped blades that the shroud feels in each coordinate alone: at once as a mass, and slowly as a spring.
@@ -88,8 +93,10 @@ class ModeNumbers(NamedTuple):
         return found
 
     def as_blades(self) -> "ModalBlades":
-        """Blades with these modes at rest."""
-        numbers = zip(self.stiffness, self.damping, zip(*self.shapes, strict=True), strict=True)
+        """Blades with these modes at rest, each as stiff as its coupling with neighbours makes it at most."""
+        most = [4 * abs(kappa).max() for kappa in self.kappa] or [0.0] * len(self.stiffness)
+        stiffness = map(operator.add, self.stiffness, most)
+        numbers = zip(stiffness, self.damping, zip(*self.shapes, strict=True), strict=True)
         return ModalBlades(tuple(_mode_of(k, c, shape) for k, c, shape in numbers))
 
 
@@ -138,6 +145,7 @@ class ModalBlades(eqx.Module):
             square: The square of the speed [rad^2/s^2]; None: at rest.
         """
         omega = [math.tau * mode.f for mode in self.modes]
+        given = [mode.kappa for mode in self.modes if mode.kappa is not None]
         return ModeNumbers(
             stiffness=tuple(
                 grown(factor * (own * own), None if square is None else mode.B, 1.0, square)
@@ -145,6 +153,7 @@ class ModalBlades(eqx.Module):
             ),
             damping=tuple(2 * mode.zeta * own for own, mode in zip(omega, self.modes, strict=True)),
             shapes=tuple(tuple(getattr(mode, name) for mode in self.modes) for name in SHAPES),
+            kappa=tuple(0 * given[0] if mode.kappa is None else mode.kappa for mode in self.modes) if given else (),
         )
 
     def check_moves(self, parts: Parts) -> None:
@@ -185,7 +194,13 @@ class ModalBlades(eqx.Module):
 
 @typed
 def modal_blades(
-    f: ArrayLike, zeta: ArrayLike | float, phi: ArrayLike, *, blades: int = 2, B: ArrayLike | None = None
+    f: ArrayLike,
+    zeta: ArrayLike | float,
+    phi: ArrayLike,
+    *,
+    blades: int = 2,
+    B: ArrayLike | None = None,
+    kappa: ArrayLike | None = None,
 ) -> ModalBlades:
     """Blades by arrays of their modes.
 
@@ -196,6 +211,7 @@ def modal_blades(
             positive clockwise [rad m^-1 kg^-1/2].
         blades: The number of blades.
         B: Growth of omega^2 with the square of the speed, as `f`; None: 0.
+        kappa: Coupling with the same mode of neighbours [1/s^2], (n,) in a pair, (n, interfaces) in a row; None: 0.
 
     Raises:
         InputError: The arrays are not of the same modes.
@@ -216,4 +232,6 @@ def modal_blades(
     numbers = {"f": each(f), "zeta": each(zeta), **dict(zip(SHAPES, map(each, rows), strict=True))}
     if B is not None:
         numbers["B"] = each(B)
+    if kappa is not None:
+        numbers["kappa"] = np.asarray(kappa, float)
     return ModalBlades(tuple(BladeMode(**{name: a[j] for name, a in numbers.items()}) for j in range(shape[0])))

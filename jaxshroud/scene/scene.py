@@ -260,6 +260,8 @@ class Scene(eqx.Module):
     def _check_modes(self, blades: ModalBlades) -> None:
         """Raise an InputError where a scene whose blades are given by modes asks for what these have not."""
         blades.check_moves(self.parts)
+        if blades.numbers().kappa and self.parts.neighbour != "blade":
+            raise InputError("Modes are coupled, by `kappa`, with those of a blade, not with a rigid neighbour.")
         if self.contact.reading or self.parts.contact == "none":
             other = "misprints (`reading`)" if self.contact.reading else 'contact = "none"; give a large shroud.gap'
             raise InputError(f"Blades by modes do not go with {other}.")

@@ -1,7 +1,7 @@
-"""The table of the modes of a blade, from the matrices of its finite elements."""
+"""The table of the modes of a blade, from the matrices of its finite elements or from shapes of a solver or a test."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -14,16 +14,21 @@ from jaxshroud.linear.reduction import (
     Reduced,
     ShroudFit,
     frame_of,
+    growth_with_speed,
+    lowest_modes,
+    real_shapes,
     reduced,
     require_memory,
     rigid_motions,
     shroud_fit,
     stiffness_factor,
+    stuck_frequencies,
     symmetric,
 )
 from jaxshroud.scene.checks import InputError, count_argument, word_argument
 from jaxshroud.scene.keys import MAX_MODES
 from jaxshroud.scene.layout import COORDINATES
+from jaxshroud.scene.mode_table import with_frequencies
 from jaxshroud.scene.modes import SHAPES, ModalBlades, modal_blades
 from jaxshroud.scene.typed import FloatArray, typed
 from jaxshroud.whole_file import write_whole
@@ -46,23 +51,61 @@ class ReducedBlade:
     unseen: FloatArray  # (n,) share that is out of the plane
     left_out: FloatArray  # (3,) share of the static flexibility that the modes without residual vectors leave out
     notes: tuple[str, ...]
+    B: FloatArray | None = None  # (n,) growth of omega^2 with the square of the speed
+    kappa: FloatArray | None = None  # (n,) coupling with the same mode of neighbours [1/s^2]
 
     def blades(self, count: int = 2) -> ModalBlades:
-        """So many alike blades of these modes."""
-        return modal_blades(self.f, self.zeta, self.phi, blades=count)
+        """So many alike blades of these modes: a pair, or those of a ring."""
+        further = dict(self._further)
+        if count > 2 and self.kappa is not None:
+            further["kappa"] = np.tile(self.kappa[:, None], count)
+        return modal_blades(self.f, self.zeta, self.phi, blades=count, **further)
+
+    @property
+    def _further(self) -> dict[str, FloatArray]:
+        return {name: a for name in ("B", "kappa") if (a := getattr(self, name)) is not None}
+
+    def in_ring(self, diameters: ArrayLike, f: ArrayLike, blades: int) -> "ReducedBlade":
+        """The blade on the disk of a ring, by the frequencies of each family of modes over nodal diameters.
+
+        Args:
+            diameters: The nodal diameters (m,).
+            f: The frequencies of the family of each mode there (m, modes) [Hz].
+            blades: The number of blades of the ring.
+
+        Raises:
+            InputError: There are not as many families as modes, or nodal diameters do not determine both numbers.
+
+        Source:
+            (2 pi f)^2 = omega^2 + 4 kappa sin^2(pi h / N), by least squares. Residual vectors are not coupled.
+        """
+        swept = 4 * np.sin(math.pi * np.asarray(diameters, float) / blades) ** 2
+        squares = (math.tau * np.asarray(f, float)) ** 2
+        kept = self.kind.count("mode")
+        by = np.stack([np.ones_like(swept), swept], axis=-1)
+        if squares.shape != (len(by), kept) or np.linalg.matrix_rank(by) < 2:
+            raise InputError(
+                f"{kept} modes need the frequencies of as many families at two nodal diameters or more, "
+                f"but the shape of these is {squares.shape}."
+            )
+        fitted = np.linalg.lstsq(by, squares)[0]
+        worst = np.max(np.abs(np.sqrt(np.maximum(by @ fitted, 0.0) / squares) - 1))
+        return replace(
+            self,
+            f=np.concatenate([np.sqrt(np.maximum(fitted[0], 0.0)) / math.tau, self.f[kept:]]),
+            kappa=np.concatenate([fitted[1], 0 * self.f[kept:]]),
+            notes=(*self.notes, f"One kappa a mode meets frequencies over nodal diameters to {100 * worst:.2g} %."),
+        )
 
     @property
     def csv(self) -> str:
         """The table, as `[blades] modes` names it."""
-        units = {"f": " [Hz]"}
-        names = ("f", "zeta", *SHAPES)
-        columns = [self.f, self.zeta, *self.phi]
-        rows = [[repr(float(a[j])) for a in columns] for j in range(len(self.f))]
-        shares = (self.misfit, self.unseen)
-        told = [["" if math.isnan(a[j]) else f"{a[j]:.3g}" for a in shares] for j in range(len(self.f))]
-        lines = [",".join([*(f"{name}{units.get(name, '')}" for name in names), "kind", "misfit", "unseen"])]
-        lines += [",".join([*row, kind, *own]) for row, kind, own in zip(rows, self.kind, told, strict=True)]
-        return "\n".join(lines) + "\n"
+        numbers = {"f [Hz]": self.f, "zeta": self.zeta, **dict(zip(SHAPES, self.phi, strict=True)), **self._further}
+        columns: dict[str, Iterable[str]] = {name: [repr(float(x)) for x in a] for name, a in numbers.items()}
+        columns["kind"] = self.kind
+        for name in ("misfit", "unseen"):
+            columns[name] = ["" if math.isnan(x) else f"{x:.3g}" for x in getattr(self, name)]
+        return "".join(f"{','.join(row)}\n" for row in (columns, *zip(*columns.values(), strict=True)))
 
     def save(self, path: str | Path) -> None:
         """Write the table."""
@@ -98,6 +141,8 @@ def reduce(
     residuals: bool = True,
     residual_frequency: float | None = None,
     contact_stiffness: float | None = None,
+    K_at_speed: Any = None,
+    speed: float = 0.0,
     units: Units = "si",
 ) -> ReducedBlade:
     """The modes of a blade, with residual vectors, from the matrices of its finite elements.
@@ -111,7 +156,8 @@ def reduce(
         C: The damping, likewise; None: `zeta` for all modes.
         dofs: What each row is: "node.direction", with directions 1 to 3 along x, y and z of the model and 4 to 6 for
             turns about them.
-        nodes: Coordinates of nodes by their labels; those of the shroud at least.
+        nodes: Coordinates (3,) of nodes by their labels; those of the shroud at least. With them may stand (9,) the x
+            and the y axis of a node whose unknowns are not along those of the model.
         shroud: The labels of the shroud's nodes. Its motion is the rigid one that fits them best.
         fixed: Nodes, or unknowns such as "12.3", that are held.
         origin: The centre of the shroud; by default the mean of its nodes.
@@ -123,6 +169,8 @@ def reduce(
         residual_frequency: The frequency [Hz] that residual vectors above it are given, with the same flexibility; by
             default eight times that of the highest mode, and `inf` keeps their own.
         contact_stiffness: That of contact [N/m]; residual vectors of less than 1 % of its flexibility are left out.
+        K_at_speed: The stiffness at a speed of the rotor, from which `B` follows by pairs of modes that are alike.
+        speed: That speed [rad/s].
         units: Of the model: "si", "mm-t-s" (N and mm), or "mm-kg-s".
 
     Returns:
@@ -138,32 +186,158 @@ def reduce(
     word_argument("units", units, Units)
     count_argument("n_modes", n_modes, 1)
     length, mass = LENGTH_AND_MASS[units]
-    stiffness, inertia = symmetric(K, "K"), symmetric(M, "M")
-    damping = None if C is None else symmetric(C, "C")
+    if K_at_speed is not None and not speed > 0:
+        raise InputError("`K_at_speed` needs its `speed`, above 0.")
     unknowns = [unknown_of(label) for label in dofs]
-    for name, matrix in (("K", stiffness), ("M", inertia), *([] if damping is None else [("C", damping)])):
-        if matrix.shape[0] != len(unknowns):
-            raise InputError(f"{name} has {matrix.shape[0]} rows, but `dofs` names {len(unknowns)} unknowns.")
+    matrices = _matrices(len(unknowns), K=K, M=M, C=C, K_at_speed=K_at_speed)
     require_memory(len(unknowns))
-    places = {str(node): np.asarray(place, float) for node, place in nodes.items()}
+    nodes = {str(node): place for node, place in nodes.items()}
     free = _free_unknowns(unknowns, fixed)
-    stiffness, inertia = (matrix[free][:, free] for matrix in (stiffness, inertia))
-    damping = None if damping is None else damping[free][:, free]
+    matrices = {name: matrix[free][:, free] for name, matrix in matrices.items()}
+    inertia, damping, running = (matrices.get(name) for name in ("M", "C", "K_at_speed"))
     unknowns = [unknowns[i] for i in free]
     axes = frame_of(x_axis, y_axis)
-    fit = _fit_of(unknowns, [*map(str, shroud)], places, origin, axes)
-    factor = stiffness_factor(stiffness, _rigid_of_all(unknowns, places, axes))
-    found = reduced(
-        factor,
-        inertia,
-        damping,
-        fit.plane_forces(len(unknowns)),
-        count=n_modes,
-        zeta=zeta,
-        limit=None if residual_frequency is None else math.tau * residual_frequency,
-        least=_least_flexibility(contact_stiffness if residuals else 0.0, fit.length, mass),
+    fit = _fit_of(unknowns, shroud, nodes, origin, axes)
+    rigid = _rigid_of_all(unknowns, nodes, axes)
+    factor = stiffness_factor(matrices["K"], rigid)
+    omega, shapes = lowest_modes(factor, inertia, n_modes)
+    found, more = (
+        reduced(
+            factor,
+            inertia,
+            damping,
+            fit.plane_forces(len(unknowns)),
+            omega=omega[:count],
+            shapes=shapes[:, :count],
+            zeta=zeta,
+            limit=None if residual_frequency is None else math.tau * residual_frequency,
+            least=_least_flexibility(contact_stiffness if residuals else 0.0, fit.length, mass),
+        )
+        for count in (n_modes, len(omega))
     )
-    return _in_si(found, fit, length, mass)
+    blade = _in_si(found, fit, length, mass)
+    blade = replace(blade, notes=(*blade.notes, *_notes_on_more(found, more)))
+    if running is None:
+        return blade
+    at_speed = lowest_modes(stiffness_factor(running, rigid), inertia, n_modes)
+    B = growth_with_speed(inertia, (found.omega[:n_modes], found.shapes), at_speed, speed)
+    return replace(blade, B=np.concatenate([B, np.zeros(len(blade.f) - n_modes)]))
+
+
+@typed
+def reduce_shapes(
+    f: ArrayLike,
+    zeta: ArrayLike | float,
+    phi: Any,
+    *,
+    dofs: Sequence[str],
+    nodes: Mapping[str, ArrayLike],
+    shroud: Sequence[str],
+    mass: ArrayLike | float = 1.0,
+    M: Any = None,
+    residual: Any = False,
+    origin: Sequence[float] | None = None,
+    x_axis: Sequence[float] = (1.0, 0.0, 0.0),
+    y_axis: Sequence[float] = (0.0, 1.0, 0.0),
+    n_modes: int = 6,
+    least_collinearity: float = 0.8,
+    units: Units = "si",
+) -> ReducedBlade:
+    """The modes of a blade from the shapes of a solver or of a test.
+
+    Complex shapes are turned by the phase that makes their real part largest, which is kept. Unknowns that move in no
+    mode count as not measured.
+
+    Args:
+        f: Natural frequencies (n,) [Hz]; those below 1e-3 of the next one are rigid motions, 0.
+        zeta: Damping ratios (n,), or one for all.
+        phi: Shapes (unknowns, n), real or complex.
+        dofs: What each row of `phi` is, see `reduce`, as are the arguments that are not named here.
+        nodes: Coordinates of nodes by their labels.
+        shroud: The labels of the shroud's nodes.
+        mass: Modal masses (n,), by whose roots shapes are divided; 1: they are mass-normalised.
+        M: The mass, by which it is checked that shapes are mass-normalised.
+        residual: Whether a shape is a residual vector (n,), which is no mode: it is kept beside `n_modes`.
+        origin: The centre of the shroud.
+        x_axis: The direction along l_oa.
+        y_axis: The direction of y.
+        n_modes: How many modes are kept, the lowest.
+        least_collinearity: The least |sum phi^2| / sum |phi|^2 of a kept shape, which is 1 of a real one.
+        units: Of places and shapes.
+
+    Raises:
+        InputError: Arrays are not of the same modes, a kept shape is too complex or not mass-normalised, or a kept mode
+            damped above critical.
+    """
+    word_argument("units", units, Units)
+    count_argument("n_modes", n_modes, 1)
+    shapes = np.asarray(phi, complex)
+    unknowns = [unknown_of(label) for label in dofs]
+    numbers = [np.ravel(np.asarray(a, float)) for a in (f, zeta, mass, residual)]
+    count = shapes.shape[-1]
+    if shapes.shape != (len(unknowns), count) or not {a.size for a in numbers} <= {1, count}:
+        raise InputError(
+            f"`phi` has the shape {shapes.shape}, but must have {len(unknowns)} rows, as `dofs`, and as many columns "
+            "as there are `f`, `zeta`, `mass` and `residual`."
+        )
+    own_f, own_zeta, masses, added = (np.full(count, a) for a in numbers)
+    if not (np.isfinite([shapes.sum(), own_f.sum()]).all() and own_zeta.min() >= 0 < masses.min()):
+        raise InputError("Shapes and frequencies must be finite, `zeta` at least 0, and modal masses above 0.")
+    own_f[added == 0] = [mode["f"] for mode in with_frequencies([{"f": a} for a in own_f[added == 0].tolist()], "f")]
+    order = np.lexsort((own_f, added))
+    kept = order[(np.arange(len(order)) < n_modes) | (added[order] > 0)]
+    own_f = own_f[kept]
+    shapes = shapes[:, kept] / np.sqrt(masses[kept])
+    for matrix in _matrices(len(unknowns), M=M).values():
+        modal = np.sum(shapes.conj() * (matrix @ shapes), axis=0)
+        _refuse(np.abs(modal - 1) > 1e-3, own_f, "is not mass-normalised by M; give its modal mass, `mass`")
+    measured = np.any(shapes != 0, axis=1)
+    shapes, collinear = real_shapes(shapes[measured])
+    worst = (
+        f"is no real mode: the least collinearity is {min(collinear):.3g}; keep fewer, or lower `least_collinearity`"
+    )
+    _refuse(collinear < least_collinearity, own_f, worst)
+    unknowns = [one for one, told in zip(unknowns, measured, strict=True) if told]
+    nodes = {str(node): place for node, place in nodes.items()}
+    fit = _fit_of(unknowns, shroud, nodes, origin, frame_of(x_axis, y_axis))
+    omega = math.tau * own_f
+    found = Reduced(
+        omega=omega,
+        zeta=own_zeta[kept],
+        shapes=shapes,
+        at_shroud=fit.plane_forces(len(unknowns)).T @ shapes,
+        residual=added[kept] > 0,
+        left_out=np.full(3, np.nan),
+        own_omega=omega,
+    )
+    blade = _in_si(found, fit, *LENGTH_AND_MASS[units])
+    told = ", ".join(f"{a:.3f}" for a in collinear)
+    return replace(blade, notes=(*blade.notes, f"Collinearity of the shapes (1: real): {told}."))
+
+
+def _matrices(rows: int, **given: Any) -> dict[str, Any]:
+    """Symmetric matrices of so many rows, without those that are None."""
+    found = {name: symmetric(a, name) for name, a in given.items() if a is not None}
+    for name, matrix in found.items():
+        if matrix.shape[0] != rows:
+            raise InputError(f"{name} has {matrix.shape[0]} rows, but `dofs` names {rows} unknowns.")
+    return found
+
+
+def _refuse(bad: Any, f: FloatArray, words: str) -> None:
+    """Raise an InputError that names the first bad mode, if there is any."""
+    if np.any(bad):
+        j = int(np.argmax(bad))
+        raise InputError(f"Mode {j} at {f[j]:.6g} Hz {words}.")
+
+
+def _geometry(unknowns: Sequence[Unknown], nodes: Mapping[str, Any]) -> tuple[FloatArray, FloatArray, np.ndarray]:
+    """Where unknowns are, along or about which unit vectors, and whether they are turns."""
+    numbers = [np.asarray(nodes[one.node], float) for one in unknowns]
+    axes = [frame_of(a[3:6].tolist(), a[6:].tolist()) if len(a) > 3 else np.eye(3) for a in numbers]
+    along = [own[(one.direction - 1) % 3] for own, one in zip(axes, unknowns, strict=True)]
+    at = np.array([a[:3] for a in numbers])
+    return at, np.array(along), np.array([one.direction > 3 for one in unknowns])
 
 
 def _free_unknowns(unknowns: Sequence[Unknown], fixed: Sequence[str]) -> np.ndarray:
@@ -178,11 +352,11 @@ def _free_unknowns(unknowns: Sequence[Unknown], fixed: Sequence[str]) -> np.ndar
 def _fit_of(
     unknowns: Sequence[Unknown],
     shroud: Sequence[str],
-    nodes: Mapping[str, FloatArray],
+    nodes: Mapping[str, Any],
     origin: Sequence[float] | None,
     axes: FloatArray,
 ) -> ShroudFit:
-    wanted = {*shroud}
+    wanted = {*map(str, shroud)}
     own = np.array([i for i, one in enumerate(unknowns) if one.node in wanted], int)
     if lost := sorted(wanted - {unknowns[i].node for i in own}):
         raise InputError(f"`shroud` names node {lost[0]}, but no free row of the matrices is of it.")
@@ -192,17 +366,21 @@ def _fit_of(
         raise InputError(
             "Argument `shroud` must name the nodes of the shroud, at least three that are not on one line."
         )
-    center = np.mean([nodes[node] for node in shroud], axis=0) if origin is None else np.asarray(origin, float)
-    at = np.array([nodes[unknowns[i].node] for i in own])
-    return shroud_fit(own, at, np.array([unknowns[i].direction for i in own]), center, axes)
+    center = (
+        np.mean([np.asarray(nodes[node])[:3] for node in wanted], axis=0)
+        if origin is None
+        else np.asarray(origin, float)
+    )
+    return shroud_fit(own, *_geometry([unknowns[i] for i in own], nodes), center, axes)
 
 
-def _rigid_of_all(unknowns: Sequence[Unknown], nodes: Mapping[str, FloatArray], axes: FloatArray) -> FloatArray | None:
-    """What rigid motions make of all unknowns; None where some have no coordinates."""
-    if any(one.node not in nodes for one in unknowns):
-        return None
-    at = np.array([nodes[one.node] for one in unknowns])
-    return rigid_motions(at, np.array([one.direction for one in unknowns]), at.mean(axis=0), axes)
+def _rigid_of_all(unknowns: Sequence[Unknown], nodes: Mapping[str, Any], axes: FloatArray) -> FloatArray:
+    """What rigid motions make of all unknowns; 0 of those without coordinates, such as amplitudes of modes."""
+    placed = [i for i, one in enumerate(unknowns) if one.node in nodes]
+    at, along, turns = _geometry([unknowns[i] for i in placed], nodes)
+    found = np.zeros((len(unknowns), 6))
+    found[placed] = rigid_motions(at, along, turns, at.mean(axis=0), axes)
+    return found
 
 
 def _least_flexibility(contact_stiffness: float | None, size: float, mass: float) -> FloatArray:
@@ -216,15 +394,10 @@ def _least_flexibility(contact_stiffness: float | None, size: float, mass: float
 def _in_si(found: Reduced, fit: ShroudFit, length: float, mass: float) -> ReducedBlade:
     """The modes in SI units, with what is to be said of them."""
     f = found.omega / math.tau
-    kept = int(np.sum(~found.residual))
-    if np.any(found.zeta[:kept] > 1):
-        j = int(np.argmax(found.zeta[:kept] > 1))
-        raise InputError(
-            f"Mode {j} at {f[j]:.6g} Hz is damped above critical (zeta = {found.zeta[j]:.3g}); keep fewer."
-        )
+    _refuse(found.zeta > 1, f, f"is damped above critical (zeta up to {max(found.zeta):.3g}); keep fewer")
     if len(f) > MAX_MODES:
         raise InputError(f"There are {len(f)} modes with residual vectors, but at most {MAX_MODES}; keep fewer.")
-    none = np.full(len(f) - kept, np.nan)
+    none = np.full(len(f) - found.shapes.shape[1], np.nan)
     misfit, unseen = (np.concatenate([a, none]) for a in fit.shares(found.shapes))
     scale = np.sqrt(mass) * np.array([1.0, 1.0, length])[:, None]
     blade = ReducedBlade(
@@ -241,6 +414,21 @@ def _in_si(found: Reduced, fit: ShroudFit, length: float, mass: float) -> Reduce
 
 
 def _notes_on(blade: ReducedBlade, found: Reduced) -> Iterator[str]:
+    if np.isnan(blade.left_out).all():
+        yield "What the shapes leave out of the shroud's static flexibility is not known."
+    else:
+        yield from _notes_on_statics(blade, found)
+    if len(bent := np.flatnonzero(np.nan_to_num(blade.misfit) > LARGE_MISFIT)):
+        most = 100 * np.max(blade.misfit[bent])
+        which = ", ".join(map(str, bent))
+        yield f"Up to {most:.2g} % of the motion of the shroud's nodes is not rigid, in modes {which}."
+    low, high = USUAL_FREQUENCIES
+    elastic = blade.f[blade.f > 0]
+    if len(elastic) and not low <= elastic[0] <= high:
+        yield f"A blade whose first mode is at {elastic[0]:.3g} Hz rings absurdly: are the units right?"
+
+
+def _notes_on_statics(blade: ReducedBlade, found: Reduced) -> Iterator[str]:
     left = ", ".join(f"{100 * a:.3g} % along {name}" for name, a in zip(COORDINATES, blade.left_out, strict=True))
     carried = "which the residual vectors carry" if found.residual.any() else "which nothing carries"
     yield f"The modes leave out {left} of the shroud's static flexibility, {carried}."
@@ -248,8 +436,15 @@ def _notes_on(blade: ReducedBlade, found: Reduced) -> Iterator[str]:
     for j in np.flatnonzero(found.residual & (own > blade.f * (1 + 1e-9))):
         told = f"{own[j]:.4g} Hz" if own[j] < 1e30 else "that of no mass"
         yield f"Residual vector {j} has {blade.f[j]:.4g} Hz in the place of {told}: fewer steps, the same flexibility."
-    for j in np.flatnonzero(np.nan_to_num(blade.misfit) > LARGE_MISFIT):
-        yield f"Mode {j}: {100 * blade.misfit[j]:.2g} % of the motion of the shroud's nodes is not rigid."
-    low, high = USUAL_FREQUENCIES
-    if not low <= blade.f[0] <= high:
-        yield f"A blade whose first mode is at {blade.f[0]:.3g} Hz rings absurdly: are the units right?"
+
+
+def _notes_on_more(found: Reduced, more: Reduced) -> Iterator[str]:
+    """What one more mode would change."""
+    count = found.shapes.shape[1]
+    if more.shapes.shape[1] > count:
+        springs = 10 / np.sum((more.at_shroud / more.omega) ** 2, axis=1)
+        now, then = (stuck_frequencies(one, springs)[:count] for one in (found, more))
+        change = 100 * np.max(np.abs(now / then - 1))
+        left = ", ".join(f"{100 * a:.3g} %" for a in more.left_out)
+        yield f"With one more mode, at {more.omega[count] / math.tau:.4g} Hz, modes leave out {left};"
+        yield f"the first {count} frequencies on springs of ten times the shroud's stiffness change by {change:.2g} %."

@@ -8,6 +8,7 @@ import pytest
 from scipy.io import mmwrite
 from scipy.linalg import eigh
 from scipy.sparse import csc_array, save_npz
+from solid_blade import solid_blade
 
 import jaxshroud as js
 from jaxshroud.cli import commands
@@ -124,6 +125,31 @@ def test_stuck_frequencies_and_the_response_need_residual_vectors(model):
     mirrored = dataclasses.replace(blade, phi=blade.phi * np.array([[1], [1], [-1]]))
     assert response_error(model, mirrored) > 0.05
     assert np.max(np.abs(stuck_of_blade(mirrored)[:3] / wanted - 1)) > 5e-3
+
+
+@pytest.mark.full
+def test_the_response_of_solid_elements():
+    # Its block is off its axis, so that all three modes move theta.
+    solid = solid_blade(offset=0.005, elements=5)
+    stuck, wanted = stuck_of_model(solid), response_of_model(solid)
+    beside = np.array([np.min(np.abs(stuck / f - 1)) for f in FREQUENCIES])
+    scale = np.array([1, 1, L_OA])
+
+    def error(blade, away):
+        found = np.array([response_of_blade(blade, f) for f in FREQUENCIES])
+        errors = np.abs((found - wanted) * scale).max(axis=1) / np.abs(wanted * scale).max(axis=1)
+        return np.max(errors[beside > away])
+
+    given = {"nodes": solid.nodes, "shroud": solid.tips, "fixed": solid.root}
+    blade = reduce(solid, **given, n_modes=3)
+    np.testing.assert_allclose(stuck_of_blade(blade)[:3], stuck[:3], rtol=2e-3)
+    assert error(blade, 0.15) < 1e-2  # as the second of these is 1.5e-3 off
+    assert error(blade, 0.05) < 4e-2
+    assert error(reduce(solid, **given, n_modes=6), 0.05) < 1e-4
+    # Controls: modes alone, and theta of the other hand.
+    assert error(reduce(solid, **given, n_modes=3, residuals=False), 0.15) > 5e-2
+    mirrored = dataclasses.replace(blade, phi=blade.phi * np.array([[1], [1], [-1]]))
+    assert error(mirrored, 0.15) > 5e-2
 
 
 def test_units_and_frames(model):
@@ -294,3 +320,122 @@ def test_the_shipped_blade_is_that_of_the_model(model):
     blade = reduce(model, n_modes=3)
     modes = js.load("fem_blade").scene.blades.modes
     np.testing.assert_allclose([mode.f[0] for mode in modes], blade.f, rtol=1e-6)
+
+
+def test_one_more_mode_is_told(model):
+    def change(n, **changes):
+        (line,) = (note for note in reduce(model, n_modes=n, **changes).notes if "change by" in note)
+        return float(line.split()[-2])
+
+    # Residual vectors carry what modes alone lack.
+    assert change(6) < 0.1 < 1.0 < change(6, residuals=False)
+    blade = reduce(model, n_modes=3)
+    left = ", ".join(f"{100 * a:.3g} %" for a in reduce(model, n_modes=4).left_out)
+    assert any(left in note for note in blade.notes)
+
+
+def test_a_stiffness_at_speed_gives_the_growth_of_each_mode(model):
+    # Springs to the ground in proportion to the mass: omega^2 grows by B Omega^2, and shapes stay.
+    speed, B = 314.0, 1.7
+    K = model.K + B * speed**2 * model.M
+    blade = reduce(model, n_modes=3, K_at_speed=K, speed=speed)
+    np.testing.assert_allclose(blade.B[:3], B, rtol=1e-4)  # as omega^2 of the third is 1e4 times this
+    np.testing.assert_array_equal(blade.B[3:], 0.0)
+    scene = dataclasses.replace(js.load("fem_blade").scene, blades=blade.blades(12))
+    np.testing.assert_allclose(scene.blades.modes[0].B, B, rtol=1e-6)
+    # A spring at one corner turns the shapes.
+    K = model.K.copy()
+    K[model.labels.index("101.1"), model.labels.index("101.1")] += 1e7
+    with pytest.raises(js.InputError, match=r"Mode . is like none at speed \(MAC = 0"):
+        reduce(model, n_modes=3, K_at_speed=K, speed=speed)
+    with pytest.raises(js.InputError, match="needs its `speed`"):
+        reduce(model, K_at_speed=K)
+
+
+def test_frequencies_over_nodal_diameters_give_the_coupling(model, tmp_path, monkeypatch, capsys):
+    squares, kappa, h = (2 * np.pi * np.array([100.0, 500.0])) ** 2, np.array([1e4, -2e4]), np.array([0, 2, 5])
+    f = np.sqrt(squares + np.outer(4 * np.sin(np.pi * h / 12) ** 2, kappa)) / (2 * np.pi)
+    blade = reduce(model, n_modes=2).in_ring(h, f, 12)
+    np.testing.assert_allclose(blade.f[:2], [100.0, 500.0], rtol=1e-12)
+    np.testing.assert_allclose(blade.kappa[:2], kappa, rtol=1e-8)
+    np.testing.assert_array_equal(blade.kappa[2:], 0.0)
+    # Through a table into a ring.
+    monkeypatch.chdir(tmp_path)
+    model.save("blade.npz")
+    (tmp_path / "freq.csv").write_text(
+        "h,f1,f2\n" + "\n".join(f"{n},{a!r},{b!r}" for n, (a, b) in zip(h, f.tolist(), strict=True))
+    )
+    line = ["reduce", "blade.npz", "--shroud", ",".join(beam_model.TIPS), "--fixed", "0", "--modes", "2"]
+    line += ["--out", "blade.csv", "--cyclic", "freq.csv", "--blades"]
+    assert commands.main([*line, "12"]) == 0
+    scene = js.load("fem_blade", ["blades.modes=blade.csv"]).scene
+    np.testing.assert_allclose(scene.blades.modes[1].kappa, np.full(12, -2e4), rtol=1e-6)
+    assert blade.blades(12).modes[1].kappa.shape == (12,)
+    for change, words in (("h,f1\n0,100\n", "as many families"), ("h,f1,f2\n0,1,x\n", "a cell is a number")):
+        (tmp_path / "freq.csv").write_text(change)
+        assert commands.main([*line, "12", "--force"]) == 2
+        assert words in capsys.readouterr().err
+
+
+def changed(matrix, **entries):
+    other = matrix.copy()
+    for place, factor in entries.items():
+        i, j = map(int, place[1:].split("_"))
+        other[i, j] = factor * other[i, j] + (0.0 if other[i, j] else factor)
+    return other
+
+
+BAD_INPUT = {  # changes of the arrays of the file and of the command; the words of the answer
+    "asymmetric": (lambda m: {"K": changed(m.K, _20_21=1e7)}, {}, "K is not symmetric"),
+    "indefinite": (lambda m: {"K": changed(m.K, _20_20=0.5)}, {}, "K is not positive definite"),
+    "singular": (lambda m: {}, {"--fixed": "0.1,0.2,0.3"}, "free to move as a whole (turns about z)"),
+    "damped": (lambda m: {"C": m.K}, {}, "damped above critical"),
+    "missing node": (lambda m: {}, {"--shroud": "101,999"}, "names node 999"),
+    "on one line": (lambda m: {"nodes": on_one_line(m)}, {}, "do not determine"),
+    "units": (lambda m: {}, {"--units": "inch"}, "--units"),
+    "not normalised": (lambda m: shapes_of(m, 1.1), {}, "is not mass-normalised"),
+}
+
+
+def on_one_line(model):
+    return np.array([[float(node), 0.0, 0.0, place[2]] for node, place in model.nodes.items()])
+
+
+def shapes_of(model, factor):
+    free = model.free
+    M = model.M[np.ix_(free, free)]
+    squares, shapes = eigh(model.K[np.ix_(free, free)], M)
+    dofs = np.array(model.labels)[free]
+    return {
+        "phi": factor * shapes[:, :3],
+        "f": np.sqrt(squares[:3]) / (2 * np.pi),
+        "M": M,
+        "dofs": dofs,
+        "K": np.eye(2),
+    }
+
+
+@pytest.mark.parametrize("case", BAD_INPUT)
+def test_bad_input_gets_one_line_and_status_2(model, tmp_path, monkeypatch, capsys, case):
+    monkeypatch.chdir(tmp_path)
+    arrays, words, told = BAD_INPUT[case]
+    nodes = np.array([[float(node), *place] for node, place in model.nodes.items()])
+    translations = [i for i, label in enumerate(model.labels) if label[-1] in "123"]
+    given = {"K": model.K, "M": model.M, "dofs": np.array(model.labels), "nodes": nodes} | arrays(model)
+    if case == "on one line":  # turns of nodes would tell how the shroud turns
+        given |= {name: given[name][np.ix_(translations, translations)] for name in ("K", "M")}
+        given["dofs"] = given["dofs"][translations]
+    np.savez("blade.npz", **given)
+    line = {"--shroud": ",".join(beam_model.TIPS), "--out": "blade.csv"} | ({} if "phi" in given else {"--fixed": "0"})
+    status = exit_status(["reduce", "blade.npz", *(word for pair in (line | words).items() for word in pair)])
+    last = capsys.readouterr().err.strip().splitlines()[-1]
+    assert status == 2
+    assert told in last
+    assert not (tmp_path / "blade.csv").exists()
+
+
+def exit_status(words):
+    try:
+        return commands.main(words)
+    except SystemExit as stop:  # of the parser
+        return stop.code
