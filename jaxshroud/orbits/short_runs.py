@@ -207,5 +207,5 @@ def _lane_period(scene: Scene, moving: MovingState, rtol: float | Scalar, solver
     )
     assert solution.ys is not None
     z, u_s, total = jax.tree.map(lambda a: a[0], solution.ys)
-    motion, power = filled((z, jax.tree.map(lambda a: a / period, total)), period)
-    return (z, u_s), Sample(motion, power), solution.stats["num_steps"]
+    power = jax.tree.map(lambda a: a / period, total)
+    return (z, u_s), Sample(filled(z, power), power), solution.stats["num_steps"]

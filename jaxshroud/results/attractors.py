@@ -63,7 +63,7 @@ class Attractors(Result):
     that never slips (permanent stick keeps the slider wherever it is, so the family counts as one attractor), and 2
     for aperiodic motion.
 
-    A report tells the motions of a row apart by their Poincaré points over the kept periods: no orbit is closed,
+    In a report, motions of a row are distinguished by their Poincaré points over the kept periods: no orbit is closed,
     nothing is said of their stability except that runs stay on them, and they are in the order of their shares. In a
     ring the copies of a motion that begin at another blade are motions of their own.
 
