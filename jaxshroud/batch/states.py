@@ -78,12 +78,14 @@ def states_apart(scenes: Scene, motion: Motion) -> State:
 
 def own_motion(motion: Any, scenes: Scene) -> Any:
     """The motion of the blades' own coordinates, of least norm, that moves the shrouds of scenes (leading axis) so."""
-    modes = scenes.mode_numbers
-    if modes is None:
+    if not isinstance(scenes.blades, ModalBlades):
         return motion
+    if not is_traced((motion, scenes)):
+        motion, scenes = jax.tree.map(np.asarray, (motion, scenes))  # by NumPy: nothing is compiled
+    modes = scenes.mode_numbers
+    assert modes is not None
     own = modal_blades_of(modes, scenes.parts).carried(motion)
-    real = jax.tree.leaves(motion)[0].dtype
-    return own if is_traced((own, scenes)) else jax.tree.map(lambda a: np.asarray(a, real), own)
+    return jax.tree.map(lambda a: a.astype(jax.tree.leaves(motion)[0].dtype), own)
 
 
 def carried_state(state: State, model: Model) -> State:

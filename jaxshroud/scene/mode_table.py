@@ -21,7 +21,8 @@ from jaxshroud.scene.units import to_si
 
 SQUARE = "omega2"  # [rad^2/s^2], in the place of f
 UNITS_OF_MODES = {name: key.unit for name, key in MODE_KEYS.items()} | {SQUARE: "rad^2/s^2"}
-NOTES = ("kind", "misfit", "unseen")  # columns that `reduce` writes beside the numbers
+KIND = "kind"  # "residual" of what is no mode, whose frequency does not make others rigid
+NOTES = (KIND, "misfit", "unseen")  # columns that `reduce` writes beside the numbers
 HEAD_OF_MODE = re.compile(r"\s*(?P<name>\w+)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
 EXAMPLE_OF_MODES = "f [Hz], zeta, phi_x, phi_y, phi_theta"
 RIGID = 1e-6  # of the square of a frequency over that of the next mode, below which it is 0
@@ -77,7 +78,9 @@ def modes_in_csv(path: Path) -> list[dict[str, Any]]:
         match = HEAD_OF_MODE.fullmatch(head)
         if match is None or match["name"] not in (*UNITS_OF_MODES, *NOTES):
             fail(str(path), f"column {head.strip()!r} is unknown; the head is of {EXAMPLE_OF_MODES}, omega2 and B")
-        if match["name"] not in NOTES:
+        if match["name"] == KIND:
+            columns[KIND] = [cell.strip() for cell in cells]
+        elif match["name"] not in NOTES:
             columns[match["name"]] = [_number_in(cell, match, i, path) for i, cell in enumerate(cells)]
     rows = zip(*columns.values(), strict=True)
     return [{name: value for name, value in zip(columns, row, strict=True) if value is not None} for row in rows]
@@ -104,6 +107,7 @@ def with_frequencies(modes: Sequence[Mapping[str, Any]], where: str) -> list[dic
         SceneError: A mode has both, or a square is negative.
     """
     listed = [dict(mode) for mode in modes]
+    own = [mode for mode in listed if mode.pop(KIND, None) != "residual"]
     for j, mode in enumerate(listed):
         if SQUARE in mode and "f" in mode:
             fail(where, f"modes[{j}] gives both `f` and `{SQUARE}`; keep one of them")
@@ -112,7 +116,7 @@ def with_frequencies(modes: Sequence[Mapping[str, Any]], where: str) -> list[dic
             if not is_number(square):
                 fail(where, f"modes[{j}].{SQUARE} = {toml_text(square)} must be a number in rad^2/s^2")
             mode["f"] = math.copysign(math.sqrt(abs(square)), square) / math.tau
-    known = sorted(abs(mode["f"]) for mode in listed if is_number(mode.get("f")))
+    known = sorted(abs(mode["f"]) for mode in own if is_number(mode.get("f")))
     gaps = [below for below, above in pairwise(known) if below**2 < RIGID * above**2]
     for j, mode in enumerate(listed):
         if not is_number(mode.get("f")):

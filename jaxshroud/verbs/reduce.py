@@ -283,7 +283,9 @@ def reduce_shapes(
     own_f, own_zeta, masses, added = (np.full(count, a) for a in numbers)
     if not (np.isfinite([shapes.sum(), own_f.sum()]).all() and own_zeta.min() >= 0 < masses.min()):
         raise InputError("Shapes and frequencies must be finite, `zeta` at least 0, and modal masses above 0.")
-    own_f[added == 0] = [mode["f"] for mode in with_frequencies([{"f": a} for a in own_f[added == 0].tolist()], "f")]
+    kinds = np.where(added > 0, "residual", "mode").tolist()
+    modes = [{"f": a, "kind": kind} for a, kind in zip(own_f.tolist(), kinds, strict=True)]
+    own_f = np.array([mode["f"] for mode in with_frequencies(modes, "f")])
     order = np.lexsort((own_f, added))
     kept = order[(np.arange(len(order)) < n_modes) | (added[order] > 0)]
     own_f = own_f[kept]

@@ -105,6 +105,17 @@ def test_what_is_no_mode_does_not_count(measured):
         js.reduce_shapes(**changed | {"f": -f})
 
 
+def test_a_stiff_residual_vector_makes_no_mode_rigid(measured, tmp_path):
+    f = np.array([1.0, 2.0, 3.0, 1e4]) * measured["f"][0]
+    blade = js.reduce_shapes(**measured | {"f": f, "residual": [0, 0, 0, 1]})
+    np.testing.assert_array_equal(blade.f, f)
+    blade.save(tmp_path / "blade.csv")
+    table = [f"blades.modes={tmp_path}/blade.csv", "contact.k=2e5"]
+    assert float(js.load("table1", table).scene.blades.modes[0].f[0]) == f[0]
+    # Control: of a mode it would.
+    assert js.reduce_shapes(**measured | {"f": f}).f[0] == 0.0
+
+
 def test_directions_that_were_not_measured_are_left_out(measured):
     phi = measured["phi"].copy()
     phi[2::3] = 0.0  # along z
