@@ -31,6 +31,7 @@ def reduce_command(options: argparse.Namespace) -> None:
     given |= {name: getattr(options, name) for name in SAID_ALIKE} | {"shroud": _labels(options.shroud)}
     given |= {name: vector for name in VECTORS if (vector := getattr(options, name)) is not None}
     if "phi" in given:
+        _require_no_options_of_matrices(options)
         given = {"zeta": options.zeta, "least_collinearity": options.least_collinearity, **given}
         blade = reduce_shapes(**given)
     else:
@@ -44,6 +45,13 @@ def reduce_command(options: argparse.Namespace) -> None:
     write(options.out, blade.csv.encode())
     print(blade)
     print(place_of(options.out))
+
+
+def _require_no_options_of_matrices(options: argparse.Namespace) -> None:
+    given = {"--fixed": options.fixed, "--at-speed": options.at_speed, "--no-residuals": not options.residuals}
+    for option, value in given.items():
+        if value:
+            raise CommandError(f"{option} is of matrices, but {options.stiffness} has shapes; leave it out")
 
 
 def _labels(text: str) -> Sequence[str]:

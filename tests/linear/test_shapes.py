@@ -192,6 +192,10 @@ def test_the_command_reads_shapes(measured, tmp_path, monkeypatch, capsys, form)
     np.testing.assert_allclose([mode.zeta[0] for mode in modes], ZETA[[0, 1, 3]])
     found = np.array([[getattr(mode, f"phi_{name}")[0] for mode in modes] for name in ("x", "y", "theta")])
     np.testing.assert_allclose(products(found), products(blade.phi), rtol=1e-9, atol=1e-12)
+    # What concerns matrices alone is not passed over.
+    for given in (["--fixed", "1"], ["--at-speed", "K.npz"], ["--no-residuals"]):
+        assert commands.main([*words, *given, "--out", "other.csv"]) == 2
+        assert f"{given[0]} is of matrices" in capsys.readouterr().err
 
 
 def matlab_7_3(path, **arrays):
