@@ -175,7 +175,7 @@ COUPLED_WITHOUT_CONTACT = (
 )
 SECTOR_OF_CHAIN = '`row.sector` = "auto" is of closed rings: an open chain does not repeat; drop it.'
 CAPABILITIES = (
-    Capability("`trade`", "pair so far", "power series and the solvers of diffrax, which it compares, march pairs"),
+    Capability("`trade`", "pair so far", "the solvers of diffrax, which it compares, march pairs"),
     Capability(
         "a derivative by the method taylor",
         "pair so far",
