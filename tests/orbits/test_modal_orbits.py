@@ -149,7 +149,7 @@ def test_derivatives_are_those_of_settled_sweeps(n, blades, points, seed):
     wanted = swept @ np.array([1, -8, 8, -1]) / (12 * steps)
     slope = np.array([found[key] for key in keys])
     size = np.max(np.abs(wanted * levels))
-    # With 800 steps the times of events, by cubics, leave 1e-8; with 200 up to 8e-6. Rounding leaves 1e-9 of the largest.
+    # With 800 steps the times of events, by cubics, leave 1e-8, with 200 up to 8e-6; rounding 1e-9 of the largest.
     np.testing.assert_allclose(slope * levels, wanted * levels, rtol=1e-6, atol=1e-8 * size)
     # Control: with the damper held instead of the damping ratio, the derivative by f is another one.
     held = slope[0] - slope[1] * levels[1] / levels[0]
