@@ -72,7 +72,7 @@ def attractors_of(scene: Scene, states: State, max_periods: int, aim: ShootingOp
     return FoundAttractors([attractors[i] for i in order], rank[label], end, units, scene)
 
 
-def _place_in_order(attractor: Attractor, end: LaneEnds) -> tuple[float, str, float, float]:
+def _place_in_order(attractor: Attractor, end: LaneEnds) -> tuple[int | float, str, float, float]:
     """What attractors are sorted by, properties of the motion whatever the starts: period, kind, P_d from the largest.
 
     Copies of a motion in a ring, whose P_d differ by rounding, follow the largest x of the first blade at the strobe.
