@@ -27,7 +27,7 @@ def row_of(closed, modes=MODES, kappa=KAPPA, **changes):
     return coupled(modal_reference.scene_of(p, modes), map(jnp.asarray, each)), p, each
 
 
-@pytest.mark.full(but=["ring"])
+@pytest.mark.full
 @pytest.mark.parametrize("closed", [False, True], ids=["chain", "ring"])
 def test_a_march_is_that_of_a_plain_integrator(closed):
     scene, p, each = row_of(closed)

@@ -45,7 +45,7 @@ def ends_of(run):
 PAIR, ROW_OF_THREE = scene_with(2, *LIGHT), scene_with(3, *CHAIN, name="row_ring12")
 
 
-@pytest.mark.full(but=["pair", "pair by series"])
+@pytest.mark.full(but=["pair by series"])
 @pytest.mark.parametrize(
     ("scene", "method"),
     [(PAIR, METHOD), (PAIR, BY_SERIES), (ROW_OF_THREE, METHOD), (ROW_OF_THREE, BY_SERIES)],

@@ -62,6 +62,7 @@ def test_an_orbit_has_the_coordinates_of_its_modes(tmp_path):
     assert np.abs(run.motion.x[-1] - run.motion.x[0]).max() > 1e-4 * np.abs(run.motion.x).max()
 
 
+@pytest.mark.full
 def test_exponents_are_the_multipliers():
     found, orbit = js.lyapunov(two_modes(), **{**SHORT, "n_periods": 32}), orbit_of_two()
     moving = np.log(np.abs(orbit.multipliers[:6]))
@@ -71,6 +72,7 @@ def test_exponents_are_the_multipliers():
     assert isinstance(found.last.motion, ModalMotion)
 
 
+@pytest.mark.full
 def test_a_branch_and_a_response_pass_the_orbit():
     found, orbit = js.branch(two_modes(), *SPEEDS, most_points=4, method=METHOD), orbit_of_two()
     at = np.argmin(np.abs(found.value - 536))
@@ -83,6 +85,7 @@ def test_a_branch_and_a_response_pass_the_orbit():
     assert not np.any(response.status)
 
 
+@pytest.mark.full
 def test_motions_are_told_apart():
     orbit = orbit_of_two()
     found = js.attractors(two_modes(), 2, method=METHOD)
@@ -104,6 +107,7 @@ def test_a_diagnosis_is_that_of_the_orbit():
 KEYS = [f"blades.modes[{j}].{name}" for j in (0, 1) for name in ("f", "zeta", "phi_x")]
 
 
+@pytest.mark.full(but=["P_d"])
 @pytest.mark.parametrize("of", ["P_d", "x_rms"])
 def test_derivatives_by_modes_are_differences(of):
     keys = [*KEYS, "blades.modes[1].f[0]", "shroud.gap", "contact.gamma"]

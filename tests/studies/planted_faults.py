@@ -161,8 +161,8 @@ FAULTS = {
     ),
     "the springs of a matrix": Fault(
         "model/linear_system.py",
-        "spring_stiffness(k.reshape(*omega.shape, -1), D)",
-        "spring_stiffness(k.reshape(*omega.shape, -1), abs(D))",
+        "spring_stiffness(k.reshape(*lanes, -1), D)",
+        "spring_stiffness(k.reshape(*lanes, -1), abs(D))",
         "model/test_coupling.py verbs/test_linear_rows.py",
     ),
     # numbers of results

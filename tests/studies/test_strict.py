@@ -21,6 +21,7 @@ OTHERS = {"amplitude_spectrum", "cache_compilations", "load", "open", "periodici
 OTHERS |= {
     "modal_blades",
     "reduce",
+    "reduce_shapes",
     "shipped",
     "stack_scenes",
     "sweep_function",
