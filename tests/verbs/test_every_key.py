@@ -30,12 +30,16 @@ from jaxshroud.verbs.scattering import scatter_bounds, scattering_of
 pytestmark = pytest.mark.full
 
 SMOOTH = ("parts.contact=smooth", "contact.width=1 um")
+COUPLED = ("coupling.k_x=2e4", "coupling.k_y=1e4", "coupling.k_T=50", *(f"coupling.c_{name}=1" for name in "xyT"))
+OPENING = ("shroud.gap_at=60 um", "shroud.gap_at_speed=3000 rpm")
 FILES = {  # a scene as a designer has it, with different blades, and one of plain numbers
-    "given": ("engine_order", ("blades.f_x=[95, 97]", "blades.zeta_y=[0.003, 0.004]", *SMOOTH)),
-    "plain": ("table1", SMOOTH),
+    "given": ("engine_order", ("blades.f_x=[95, 97]", "blades.zeta_y=[0.003, 0.004]", *SMOOTH, *COUPLED, *OPENING)),
+    "plain": ("table1", (*SMOOTH, *COUPLED)),
 }
 PAIR_KEYS = [key for key in ALL_KEYS if key not in ROW_KEYS]
-SPEED = ("drive.speed", "drive.engine_order")  # which need each other
+# Which need each other:
+SPEED = ("drive.speed", "drive.engine_order", "blades.B_x", "blades.B_y", "blades.B_T")
+SPEED += ("shroud.gap_at", "shroud.gap_at_speed")
 CASES = [(name, key) for name in FILES for key in PAIR_KEYS if not (name == "plain" and key in SPEED)]
 every_key = pytest.mark.parametrize(("name", "key"), CASES, ids=lambda word: word)
 
