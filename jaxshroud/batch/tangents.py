@@ -353,9 +353,10 @@ def _sampled_chunk(scenes: Dual, states: Dual, schedule: Schedule, wanted: int) 
 def _shrouds_at_start(scenes: Dual, states: Dual) -> Dual:
     """The motion of the shrouds in states, and its direction by those of the states and of the shapes of modes."""
     start, along = states.value.motion, states.tangent.motion
-    shroud, moved = shroud_motion(start, scenes.value), shroud_motion(along, scenes.value)
+    shroud = shroud_motion(start, scenes.value)
     if shroud is start:
         return Dual(start, along)
+    moved = shroud_motion(along, scenes.value)
     return Dual(shroud, jax.tree.map(np.add, moved, shroud_motion(start, scenes.tangent)))
 
 

@@ -52,7 +52,8 @@ def symmetric(matrix: Any, name: str) -> Any:
         raise InputError(f"{name} must be square, but its shape is {a.shape}.")
     if not np.isfinite(a.data).all():
         raise InputError(f"{name} has entries that are no finite numbers.")
-    lower, upper = tril(a, -1), triu(a, 1)
+    lower = tril(a, -1)
+    upper = triu(a, 1)
     for one, other in ((lower, upper), (upper, lower)):
         if abs(one).sum() > 0 and abs(other).sum() == 0:
             return csc_array(a + one.T)
@@ -65,7 +66,8 @@ def require_memory(unknowns: int) -> None:
     """Raise an InputError unless a factor of a stiffness of so many unknowns is likely to fit into the free memory."""
     import psutil
 
-    needed, free = FILL_BYTES * unknowns ** (4 / 3), psutil.virtual_memory().available
+    needed = FILL_BYTES * unknowns ** (4 / 3)
+    free = psutil.virtual_memory().available
     if needed > free:
         raise InputError(
             f"{unknowns} unknowns would take some {needed / 2**30:.0f} GiB, but {free / 2**30:.1f} GiB are free; "
@@ -131,7 +133,8 @@ def lowest_modes(factor: Factor, M: Any, count: int) -> tuple[FloatArray, FloatA
     Raises:
         InputError: M is not positive semidefinite, or has fewer modes.
     """
-    size, inertia = M.shape[0], factor.root @ M @ factor.root
+    size = M.shape[0]
+    inertia = factor.root @ M @ factor.root
     if size <= DENSE:
         from scipy.linalg import eigh
 
@@ -142,7 +145,8 @@ def lowest_modes(factor: Factor, M: Any, count: int) -> tuple[FloatArray, FloatA
         inverse: Any = LinearOperator(dtype=float, shape=(size, size), matvec=factor.solved)  # pyright: ignore[reportCallIssue]
         squares, shapes = eigsh(inertia, min(count + 1, size - 1), M=factor.scaled, Minv=inverse, which="LA")
     order = np.argsort(-squares)
-    squares, shapes = squares[order], factor.root @ shapes[:, order]
+    squares = squares[order]
+    shapes = factor.root @ shapes[:, order]
     if squares[-1] < -1e-9 * squares[0]:
         raise InputError("M is not positive semidefinite: some motion has a negative mass.")
     found = int(np.sum(squares > 1e-14 * squares[0]))
@@ -155,10 +159,10 @@ def lowest_modes(factor: Factor, M: Any, count: int) -> tuple[FloatArray, FloatA
 
 
 def reduced(
-    factor: Factor,
     M: Any,
     C: Any,
     B: FloatArray,
+    K_inverse_B: FloatArray,
     omega: FloatArray,
     shapes: FloatArray,
     zeta: float,
@@ -168,10 +172,10 @@ def reduced(
     """Modes and residual vectors.
 
     Args:
-        factor: That of the stiffness.
         M: The mass.
         C: The damping; None: `zeta` for all.
         B: What forces on the shroud are to the unknowns, (unknowns, coordinates).
+        K_inverse_B: The displacements under them.
         omega: Those of the modes (n,).
         shapes: Those of the modes (unknowns, n).
         zeta: Damping ratio where there is no C.
@@ -180,7 +184,6 @@ def reduced(
         least: The flexibility (coordinates,) below which a residual vector is left out.
     """
     count = len(omega)
-    K_inverse_B = factor.solve(B)
     at_shroud = B.T @ shapes
     whole = B.T @ K_inverse_B
     R = K_inverse_B - shapes @ (at_shroud.T / omega[:, None] ** 2)

@@ -201,12 +201,14 @@ def reduce(
     rigid = _rigid_of_all(unknowns, nodes, axes)
     factor = stiffness_factor(matrices["K"], rigid)
     omega, shapes = lowest_modes(factor, inertia, n_modes)
+    B = fit.plane_forces(len(unknowns))
+    K_inverse_B = factor.solve(B)
     found, more = (
         reduced(
-            factor,
             inertia,
             damping,
-            fit.plane_forces(len(unknowns)),
+            B,
+            K_inverse_B,
             omega=omega[:count],
             shapes=shapes[:, :count],
             zeta=zeta,
@@ -220,8 +222,8 @@ def reduce(
     if running is None:
         return blade
     at_speed = lowest_modes(stiffness_factor(running, rigid), inertia, n_modes)
-    B = growth_with_speed(inertia, (found.omega[:n_modes], found.shapes), at_speed, speed)
-    return replace(blade, B=np.concatenate([B, np.zeros(len(blade.f) - n_modes)]))
+    growth = growth_with_speed(inertia, (found.omega[:n_modes], found.shapes), at_speed, speed)
+    return replace(blade, B=np.concatenate([growth, np.zeros(len(blade.f) - n_modes)]))
 
 
 @typed
