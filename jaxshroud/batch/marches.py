@@ -63,7 +63,5 @@ def require_march(scenes: Scene, method: Choices) -> None:
         raise InputError(COUPLED_WITHOUT_CONTACT)
     if not is_pair and law is NoContact:
         raise InputError(LIMITED[NO_CONTACT].refusal())
-    if not is_pair and stepper is POWER_SERIES and method.derivative:
-        raise InputError(LIMITED["a derivative by the method taylor"].refusal("A derivative by the method taylor"))
     if not stepper.knows(law):
         raise InputError(f"The method taylor knows located contact, not {law.called}; take a Runge-Kutta method.")

@@ -60,6 +60,7 @@ class TaylorSearch(NamedTuple):
     tries: Int[Array, ""]  # rejected trials in a row
     tolerance: Scalar  # last terms of the speeds over the largest speed
     turns: Any = None  # at each interface of a row whose blocks turn: changes of case within this step
+    pending: Any = None  # at each interface of a row with derivatives: whether an event of this very instant is left
 
     @property
     def differentiable(self) -> tuple[Any, ...]:

@@ -141,7 +141,7 @@ def integrated_square(
     s = span.end
 
     def mean(a: Coefficients) -> Any:
-        return ZERO if is_zero(a[0]) else polynomial_value(_integrated(a[:order]), s) / where(s > 0, s, 1.0)
+        return ZERO if is_zero(a[0]) else polynomial_value(_integrated(a[:order])[1:], s)
 
     versine = mean(own.versine)  # which enters linearly, as the sine does
     sine = ZERO if static is None else mean(own.sine)

@@ -65,10 +65,13 @@ from jaxshroud.march.taylor_integrals import OfBlade, TrialSpan, motion_after, r
 from jaxshroud.model.arithmetic import (
     Scalar,
     any_along,
+    at_place,
     greatest,
+    is_place,
     is_unrolled,
     is_zero,
     least,
+    place_of_largest,
     summed,
     where,
     zeros_for,
@@ -100,6 +103,8 @@ class SeriesOutcome(NamedTuple):
     probe: Any  # see `TrialEvent`
     inside: Any
     several: Any  # more than one guard was above zero at the start
+    is_root: Any  # it ends where the guard that fires vanishes, rather than at a prescribed instant
+    pending: Any  # see `TaylorSearch`
 
 
 class TaylorTrial(NamedTuple):
@@ -139,6 +144,7 @@ def begin_series(state: State, model: RowModel, method: Choices, each: EachLane)
         tries=count,
         tolerance=zero + method.taylor.tolerance,
         turns=at if model.turns_by_events and len(at) > 1 else None,
+        pending=at != 0 if method.derivative and len(at) > 1 else None,
     )
     return Lane(state, count, search, None, new_accumulator(nothing, state, model, method, each), count)
 
@@ -183,7 +189,7 @@ def _trial_and_series(
     outcome = trial_outcome(*(lax.stop_gradient(seen) if method.derivative else seen), order, each)
     s = where(outcome.reject, 0.0, outcome.end)
     if method.derivative:
-        s = _differentiable_end(expansion.faces, lane, fixed, outcome, s)
+        s = _differentiable_end(expansion.faces, lane, fixed, outcome, s, each)
     state, model = lane.state, fixed.model
     contact = _contact_of(state)
     events = outcome.fires, outcome.kind
@@ -233,16 +239,39 @@ def trial_outcome(
     first = least(event.end)
     here = event.end <= first + SIMULTANEOUS[h.dtype.itemsize] * h
     reject = any_along(event.reject)
+    end = greatest(where(here, event.end, 0.0))
+    fires, pending = here & event.fire & ~reject, search.pending
+    at_root = end > 0
+    if pending is not None:
+        fires, pending, at_root = _one_after_the_other(fires, pending, at_root)
     return SeriesOutcome(
-        end=greatest(where(here, event.end, 0.0)),
+        end=end,
         reject=reject,
-        fires=here & event.fire & ~reject,
+        fires=fires,
         kind=kind,
         which=event.which,
         probe=here & event.probe & ~reject,
         inside=event.inside,
         several=several,
+        is_root=at_root & _has_effect(kind, contact.mode),
+        pending=pending,
     )
+
+
+def _has_effect(kind: Any, mode: Any) -> Any:
+    """Whether an event changes the contact: a switch of the case of blocks that are apart does not."""
+    return ~((interface_mode(mode) == Mode.APART) & happens(kind, TURN, HEIGHT))
+
+
+def _one_after_the_other(fires: Any, pending: Any, moves: Any) -> tuple[Any, Any, Any]:
+    """The first of the events of an instant alone, those that are left, and whether the trial ends at a root.
+
+    Each is the root of its own guard, and moves with it: the trials to those that are left have no length.
+    """
+    first = fires & is_place(place_of_largest(fires), fires)
+    waits = ~moves & any_along(first & pending)
+    left = where(any_along(fires), fires & (pending | moves) & ~first, pending & ~moves)
+    return first, left, moves | waits
 
 
 class LargestTerms(NamedTuple):
@@ -368,20 +397,24 @@ def _first_event_of_face(
 
 
 def _differentiable_end(
-    faces: FaceSeries, lane: Lane, fixed: Fixed[RowModel], outcome: SeriesOutcome, s: Scalar
-) -> Scalar:
-    """The end of a trial of a pair with its derivative: that of a guard's root or of the remaining angle, else none."""
+    faces: FaceSeries, lane: Lane, fixed: Fixed[RowModel], outcome: SeriesOutcome, s: OfLanes, each: Each
+) -> OfLanes:
+    """The end of a trial with its derivative: that of a guard's root or of the remaining angle, else none."""
 
-    def root(faces: FaceSeries, contact: State, outcome: SeriesOutcome, model: Model) -> Scalar:
+    def root(
+        faces: FaceSeries, contact: State, fires: Scalar, which: Scalar, is_root: Scalar, s: Scalar, model: Model
+    ) -> Scalar:
         guards = [guard for _, guard in face_guards(faces, contact, model)]
-        size, rate = polynomial_value_and_rate(select_polynomial(trimmed(guards, s), outcome.which), s)
-        rate = where(outcome.fires & (s > 0) & (rate > 0), lax.stop_gradient(rate), jnp.inf)
+        size, rate = polynomial_value_and_rate(select_polynomial(trimmed(guards, s), which), s)
+        rate = where(fires & is_root & (rate > 0), lax.stop_gradient(rate), jnp.inf)
         return at_event(s, jnp.ones_like(s), size, rate)
 
     contact = _contact_of(lane.state)
-    (at_root,) = over(alone, root, faces, contact, outcome, fixed.model.interfaces)
+    fires = outcome.fires
+    at_faces = over(each, root, faces, contact, fires, outcome.which, outcome.is_root, s, fixed.model.interfaces)
+    at_root = where(any_along(fires), at_place(fires, at_faces), s)
     rest = _remaining_angle(lane.search.done, lane.step, fixed.stop, fixed.grid.turn)
-    ends = any_along(outcome.fires) | any_along(outcome.probe)
+    ends = any_along(fires) | any_along(outcome.probe)
     return where(ends | (s < rest), at_root, rest)
 
 
@@ -400,14 +433,16 @@ def _lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[RowModel], me
     assert isinstance(search, TaylorSearch)
     outcome = trial.outcome
     active = running(lane, fixed.stop)
-    # when apart, a change of the case has no effect
     mode = interface_mode(start.mode)
-    fires = outcome.fires & ~((mode == Mode.APART) & happens(outcome.kind, TURN, HEIGHT)) & active
+    fires = outcome.fires & _has_effect(outcome.kind, start.mode) & active
     next_search, step = _next_taylor_search(lane, trial, fires)
     end = State(trial.motion, start.u_s, start.mode, start.case)
     wave = wave_at(step, next_search.done, grid, each)
     h = trial.length * grid.h
-    ending = InterfaceEnding(fires=fires, kind=outcome.kind, several=outcome.several, inside=outcome.inside, delay=h)
+    delay = where(outcome.is_root, jnp.maximum(h, SIMULTANEOUS[h.dtype.itemsize] * grid.h), h)
+    ending = InterfaceEnding(
+        fires=fires, kind=outcome.kind, several=outcome.several, inside=outcome.inside, delay=delay
+    )
     change = changes_of_row(lane, end, row_torques(end, wave, model, each), ending, fixed, method, each)
     after = State(end.motion, change.u_s, change.mode, change.case)
     after, dropped = as_flat(after, change.becomes_flat, model, each)
@@ -433,7 +468,10 @@ def _lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[RowModel], me
     status = status_of(row_turned(after, lost, model), lost, too_many)
     # contact may begin flat although one end of the overlap already pulls
     turns = None if change.turns is None else where(step > lane.step, 0, change.turns)
-    next_search = next_search._replace(recheck=any_along(change.jumped), turns=turns)
+    recheck = any_along(change.jumped)
+    if outcome.pending is not None:
+        recheck = recheck | any_along(outcome.pending)
+    next_search = next_search._replace(recheck=recheck, turns=turns, pending=outcome.pending)
     return select(active, Lane(after, step, next_search, None, accumulator, status), lane)
 
 

@@ -176,11 +176,6 @@ COUPLED_WITHOUT_CONTACT = (
 SECTOR_OF_CHAIN = '`row.sector` = "auto" is of closed rings: an open chain does not repeat; drop it.'
 CAPABILITIES = (
     Capability("`trade`", "pair so far", "the solvers of diffrax, which it compares, march pairs"),
-    Capability(
-        "a derivative by the method taylor",
-        "pair so far",
-        "events of a row have derivatives by Runge-Kutta methods alone",
-    ),
     Capability(NO_CONTACT, "pair", "a row without contact is many single blades; simulate one as a pair"),
     Capability('`parts.neighbour` = "rigid"', "pair", "every blade of a row has a neighbour that is a blade"),
     Capability("`contact.reading` but consistent", "pair", "the article's misprints are in equations of two blades"),

@@ -23,7 +23,7 @@ from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
 from jaxshroud.signals.averages import least_tilt
-from jaxshroud.verbs.asked import Choice, Setting, accuracy_level, flat_return_for
+from jaxshroud.verbs.asked import Choice, Setting, accuracy_level, by_series, flat_return_for
 
 STIFFNESS_CLASSES = (1.5, 4.0, 12.0, np.inf)  # upper bounds of omega_max over the largest frequency without contact
 MAX_PROBED_LANES = 256  # on which a setting is tried before it is chosen
@@ -32,7 +32,9 @@ MAX_FINER_SETTINGS = 3  # tried beyond those of the table, each with half the st
 ERROR_MARGIN = 3.0  # an estimated error is one draw: where motions multiply errors, another may be larger by this
 MAX_SHARE = 0.1  # of the trial steps of a run, for the choice of its method
 LEAST_BUDGET = 10**6  # trial steps, for runs of pairs that are shorter than the choice: a few seconds
-COARSE_ACCURACY = 1e-3  # of rows and of faces of points: from here on Tsitouras 5 is cheaper
+COARSE_ACCURACY = 1e-3  # of blades by modes: from here on Tsitouras 5 is cheaper
+COARSE_ORDER, FINE_ORDER = 10, 14  # of the series of rows and of faces of points: each order is a program of its own
+SERIES_SHARE = 0.01  # of an accuracy, as their tolerance
 EXPECTED_TRIALS = 2
 SLACK = 3.0  # in the proportion of errors to tolerances
 LEAST_TOLERANCE = 1e-14  # which is tried in any case
@@ -153,10 +155,14 @@ def _candidates(lanes: Scene, accuracy: float) -> tuple[list[Setting], bool]:
 
 
 def _two_settings(lanes: Scene, accuracy: float, omega_max: float, period: float) -> list[Setting]:
-    """The settings of rows and of faces of points: by the stiffness of the lanes, and the same with half the step."""
-    name = "tsit5" if accuracy >= COARSE_ACCURACY else "dopri8"
-    product = omega_max * period / steps_for(lanes, 1, "auto", tableau(name))
-    setting = Setting(name, "cubic", "float64", product, flat_return=flat_return_for(accuracy))
+    """The settings of rows and of faces of points, and of blades by modes by their stiffness; the second is finer."""
+    if isinstance(lanes.blades, Blades):
+        setting = by_series(FINE_ORDER if accuracy < ROUNDED_BELOW else COARSE_ORDER, SERIES_SHARE * accuracy)
+    else:
+        name = "tsit5" if accuracy >= COARSE_ACCURACY else "dopri8"
+        product = omega_max * period / steps_for(lanes, 1, "auto", tableau(name))
+        setting = Setting(name, "cubic", "float64", product)
+    setting = setting._replace(flat_return=flat_return_for(accuracy))
     return [setting, setting.finer(1)]
 
 

@@ -114,7 +114,6 @@ def test_what_pure_functions_of_rows_refuse(ring):
     bare = js.load("row_chain5", ["parts.contact=none"]).scene
     lanes = jax.tree.map(lambda a: np.asarray(a)[None], bare)
     for ask, told in (
-        (lambda: js.rollout(ring, method=js.Taylor(steps=50)), "A derivative by the method taylor does not know rows"),
         (lambda: js.rollout(bare, method=RK4), "many single blades"),
         (lambda: js.sweep_function(1, 0, RK4)(lanes), "many single blades"),
         (lambda: js.rollout(ring, pair_start, method=RK4), "the motion of 3 blades and contact at 3"),

@@ -11,13 +11,15 @@ from jaxshroud.batch.states import from_vector, to_vector
 from jaxshroud.batch.tangents import direction, run_flow
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march import row_step as row_event_time
+from jaxshroud.march import taylor_trial
 from jaxshroud.march.method import Choices
-from jaxshroud.march.tableau import tableau
+from jaxshroud.march.tableau import TaylorOptions, tableau
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.scene.scene import without_given
 
 STEPS, LANES = 100, 4
 METHOD = Choices(tableau("dopri8"), "cubic", False)
+SERIES = Choices(TaylorOptions(12, 1e-13), "series", False)
 KEYS = ("shroud.gap", "row.mistuning[1]", "drive.omega", "friction.mu")
 IN_X = ["row.blades=3", 'parts.motion=["x"]']
 HEAVY = ["blades.I=2.46e-3", "drive.M_0=30"]  # the article's inertia: a few case switches in a period
@@ -82,6 +84,14 @@ def test_tangents_are_those_of_differences(name):
     assert np.max(Course(ROWS[name]).error()) < (1e-6 if "anti-phase" in name else 1e-8)
 
 
+@pytest.mark.release(only=["chain of 4"])
+@pytest.mark.full
+@pytest.mark.parametrize("name", ["chain of 4", "ring of 4 in anti-phase"])
+def test_tangents_by_power_series_are_those_of_differences(name):
+    # The second of two simultaneous events is that of a trial of no length.
+    assert np.max(Course(ROWS[name], SERIES).error()) < (1e-6 if "anti-phase" in name else 1e-8)
+
+
 @pytest.mark.full
 def test_tangents_without_the_instants_of_events_are_wrong(monkeypatch):
     # Control: the instants of events have no derivative, as differentiating through the search would leave it.
@@ -98,4 +108,18 @@ def test_simultaneous_events_have_instants_of_their_own(monkeypatch):
     together = lambda *args: crossing(*args)._replace(is_root=crossing(*args).is_root & (args[1].search.length > 0))
     monkeypatch.setattr("jaxshroud.march.row_trial.one_after_the_other", together)
     naive = METHOD._replace(tableau=METHOD.rk._replace(name="together"))
+    assert np.median(Course(ROWS["ring of 4 in anti-phase"], naive).error()) > 1e-3
+
+
+@pytest.mark.release
+@pytest.mark.full
+def test_simultaneous_events_by_power_series_have_instants_of_their_own(monkeypatch):
+    # Control: as above; an order of its own is compiled anew.
+    def together(fires, pending, moves):
+        first, left, _ = crossing(fires, pending, moves)
+        return first, left, moves
+
+    crossing = taylor_trial._one_after_the_other
+    monkeypatch.setattr(taylor_trial, "_one_after_the_other", together)
+    naive = SERIES._replace(tableau=TaylorOptions(11, 1e-13))
     assert np.median(Course(ROWS["ring of 4 in anti-phase"], naive).error()) > 1e-3
