@@ -193,14 +193,12 @@ def _draw_values(panel: Axes, tuning: TuningData) -> None:
 
 def _name_values(figure: AnyFigure, axes: Mapping[str, Axes], tuning: TuningData) -> None:
     """Add the legend of the values."""
-    del axes, tuning
+    del axes
     tried: Properties = {"color": BLUE, "marker": "o", "ms": 3, "lw": 0.9}
-    handles: list[Artist] = [
-        Line2D([], [], label="scan, with 95 % intervals", **tried),
-        Line2D([], [], label="looked at later", **ROUNDS_STYLE),
-        Patch(color=SKY, alpha=0.25, label="the best is between"),
-    ]
-    legend_below(figure, [*handles, DESIGN_MARK])
+    handles: list[Artist] = [Line2D([], [], label="scan, with 95 % intervals", **tried)]
+    if len(tuning.points) + len(tuning.rounds) > 2:
+        handles.append(Line2D([], [], label="looked at later", **ROUNDS_STYLE))
+    legend_below(figure, [*handles, Patch(color=SKY, alpha=0.25, label="the best is between"), DESIGN_MARK])
 
 
 def _name_paths(figure: AnyFigure, axes: Mapping[str, Axes], tuning: TuningData) -> None:

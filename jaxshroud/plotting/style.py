@@ -92,7 +92,13 @@ def unicode_text(text: str) -> str:
 
 
 def wrapped(text: str, width: int) -> str:
-    """Text in lines of about `width` visible characters; formulas are not broken."""
+    """Text in as few lines of at most `width` visible characters as it takes, alike in length; formulas are whole."""
+    lines = _lines_of(text, width)
+    narrowest = next(fewer for fewer in range(1, width + 1) if len(_lines_of(text, fewer)) == len(lines))
+    return "\n".join(_lines_of(text, narrowest))
+
+
+def _lines_of(text: str, width: int) -> list[str]:
     lines = [""]
     length = 0
     for word in re.findall(r"(?:\\\$|\$(?:\\\$|[^$])*\$| = |[^\s$])+", text):
@@ -102,7 +108,7 @@ def wrapped(text: str, width: int) -> str:
             length = 0
         lines[-1] += f" {word}" if length else word
         length += size + (length > 0)
-    return "\n".join(lines)
+    return lines
 
 
 def _visible_length(text: str) -> int:
