@@ -1,4 +1,4 @@
-"""The commands that follow or find several motions of a scene: `response`, `branch`, `attractors` and `basins`."""
+"""The commands about motions and their stability: `orbit`, `lyapunov`, `response`, `branch`, `attractors`, `basins`."""
 
 import argparse
 import sys
@@ -31,8 +31,10 @@ from jaxshroud.cli.terminal import (
 )
 from jaxshroud.io.store import write_json
 from jaxshroud.march.method import FOR_P_D
+from jaxshroud.model.modes import Status
 from jaxshroud.results.attractors import Attractors
 from jaxshroud.results.branch import Branch
+from jaxshroud.results.diagnosis import Lyapunov
 from jaxshroud.results.response import Response
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.file import SceneFile
@@ -42,11 +44,29 @@ from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.overrides import axis
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
-from jaxshroud.signals.effects import between, with_interval
+from jaxshroud.signals.effects import between, exponent_text, with_interval
 
 BACKGROUND_FILE = "sweep.nc"  # the sweep behind a branch
 NOT_IN_BRANCH_TABLE = ("along", "special", "ends", "scene", "version")  # of its summary
 IN_ATTRACTORS_TABLE = ("starts", "undecided or stopped", "worst", "method", "seconds")
+
+
+# Exponents
+
+
+def _output_exponents(completed: CompletedCall) -> None:
+    result: Lyapunov = completed.result
+    write_files(completed)
+    pairs = zip(result.exponents, result.ci, strict=True)
+    largest, half = result.exponents[0], result.ci[0]
+    sign = "above" if largest > half else "below" if largest < -half else "perhaps"
+    motion = {"above": "chaotic", "below": "regular", "perhaps": "not decided"}[sign]
+    rows = {
+        "exponents": ", ".join(exponent_text(*pair, result.stuck) for pair in pairs) + " per drive period",
+        "motion": f"{motion}: the largest is {sign} 0",
+    }
+    settings = {"method": f"{result.method}, {result.steps_per_period} steps a period", "seconds": completed.seconds}
+    print_result(completed, {**(rows if result.status == Status.OK else {}), **settings})
 
 
 # Response
@@ -287,6 +307,7 @@ def _output_attractors(completed: CompletedCall) -> None:
 
 
 orbit_command = Computation(usual=FOR_P_D)
+lyapunov_command = Computation(output=_output_exponents)
 response_command = Computation(
     prepare=_response_arguments,
     scenes=_ends_of_range,

@@ -145,7 +145,7 @@ def _over(page: Page, kind: str, behind: Page, other_kind: str) -> Page:
         page,
         panels=[*map(with_other, page.panels)],
         single=[*map(with_other, page.single)],
-        title=f"{page.title}; grey: {behind.title}",
+        title=f"{page.title}; grey: {behind.title.removeprefix(page.title).removeprefix(', but ')}",
         finish=finish,
     )
 

@@ -91,6 +91,9 @@ def unicode_text(text: str) -> str:
     return re.sub(r"(?<=\b\w)_(\d)\b", lambda match: chr(ord("₀") + int(match[1])), text)
 
 
+BEFORE_UNIT = r"(?<=\d) (?=(?:N|kN|Hz|rad|rpm|mm|um|μm|m|kg|g|%|°)(?!\w))|(?<=\d N) (?=m(?!\w))"  # a blank that stays
+
+
 def wrapped(text: str, width: int) -> str:
     """Text in as few lines of at most `width` visible characters as it takes, alike in length; formulas are whole."""
     lines = _lines_of(text, width)
@@ -101,7 +104,7 @@ def wrapped(text: str, width: int) -> str:
 def _lines_of(text: str, width: int) -> list[str]:
     lines = [""]
     length = 0
-    for word in re.findall(r"(?:\\\$|\$(?:\\\$|[^$])*\$| = |[^\s$])+", text):
+    for word in re.findall(rf"(?:\\\$|\$(?:\\\$|[^$])*\$| = |{BEFORE_UNIT}|[^\s$])+", text):
         size = _visible_length(word)
         if length and length + 1 + size > width:
             lines = [*lines, ""]
