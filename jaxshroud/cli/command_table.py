@@ -44,7 +44,7 @@ class Command(NamedTuple):
     arguments: tuple[str, ...] = ()  # of the verb: options of the same name, or n_periods and transient of [run]
     files: tuple[str, ...] = ()  # written into the folder --out; none: --out is the file
     unit: str = "lane-periods"  # of progress
-    module: str = ""  # of `cli` with NAME_command, for a command that has something special
+    module: str = ""  # of `cli`, with NAME_command
 
 
 COMMANDS = {

@@ -35,6 +35,7 @@ from jaxshroud.model.modes import Status
 from jaxshroud.results.attractors import Attractors
 from jaxshroud.results.branch import Branch
 from jaxshroud.results.diagnosis import Lyapunov
+from jaxshroud.results.orbit import Orbit
 from jaxshroud.results.response import Response
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.file import SceneFile
@@ -51,22 +52,41 @@ NOT_IN_BRANCH_TABLE = ("along", "special", "ends", "scene", "version")  # of its
 IN_ATTRACTORS_TABLE = ("starts", "undecided or stopped", "worst", "method", "seconds")
 
 
-# Exponents
+# One motion
+
+
+def _output_orbit(completed: CompletedCall) -> None:
+    orbit: Orbit = completed.result
+    write_files(completed)
+    rows = {"motion": f"no orbit; {orbit.periods} periods simulated"}
+    if orbit.found:
+        multipliers = [f"{mu.real:.4g}{mu.imag:+.4g}i" for mu in orbit.multipliers if mu]
+        rest = len(orbit.multipliers) - len(multipliers)
+        largest = abs(orbit.multipliers[0])
+        rows = {
+            "motion": f"period {orbit.q}, {'stable' if largest < 1 else 'unstable'}",
+            "P_d": f"{orbit.P_d:.6g} %",
+            "P_d of the vibration": f"{orbit.P_d_vibration:.6g} %",
+            "largest multiplier": f"{largest:.4g}",
+            "multipliers": ", ".join([*multipliers, *([f"{rest} are 0"] if rest else [])]),
+            "closed to": f"{orbit.residual:.1e} of its size",
+        }
+    print_result(completed, {**rows, "flags": ", ".join(orbit.flags) or "none", **_run_rows(completed)})
+
+
+def _run_rows(completed: CompletedCall) -> dict[str, Any]:
+    """How the run ended, and how it was marched."""
+    result = completed.result
+    method = f"{result.method}, {result.steps_per_period} steps a period"
+    return {"status": result.summary()["status"], "method": method}
 
 
 def _output_exponents(completed: CompletedCall) -> None:
     result: Lyapunov = completed.result
     write_files(completed)
-    pairs = zip(result.exponents, result.ci, strict=True)
-    largest, half = result.exponents[0], result.ci[0]
-    sign = "above" if largest > half else "below" if largest < -half else "perhaps"
-    motion = {"above": "chaotic", "below": "regular", "perhaps": "not decided"}[sign]
-    rows = {
-        "exponents": ", ".join(exponent_text(*pair, result.stuck) for pair in pairs) + " per drive period",
-        "motion": f"{motion}: the largest is {sign} 0",
-    }
-    settings = {"method": f"{result.method}, {result.steps_per_period} steps a period", "seconds": completed.seconds}
-    print_result(completed, {**(rows if result.status == Status.OK else {}), **settings})
+    texts = [exponent_text(*pair, result.stuck) for pair in zip(result.exponents, result.ci, strict=True)]
+    rows = {"exponents per drive period": ", ".join(texts)} if result.status == Status.OK else {}
+    print_result(completed, {**rows, **_run_rows(completed)})
 
 
 # Response
@@ -306,7 +326,7 @@ def _output_attractors(completed: CompletedCall) -> None:
     print_result(completed, {**rows, "worst": attractors.worst_text})
 
 
-orbit_command = Computation(usual=FOR_P_D)
+orbit_command = Computation(usual=FOR_P_D, output=_output_orbit)
 lyapunov_command = Computation(output=_output_exponents)
 response_command = Computation(
     prepare=_response_arguments,
