@@ -43,12 +43,15 @@ COMMANDS = {
     ),
     "simulate.png": ([f"simulate {SCENE} --periods 20 --out run.nc", "plot run.nc --width 90mm"], "run.png"),
     "row.png": (
-        ["simulate row_ring12 --periods 6 --tableau dopri8 --steps-per-period 100 --out ring.nc", "plot ring.nc"],
+        [
+            "simulate row_ring12_points --periods 6 --tableau dopri8 --steps-per-period 100 --out ring.nc",
+            "plot ring.nc",
+        ],
         "ring.png",
     ),
     "row.gif": (
         [
-            "simulate row_ring12 --periods 6 --tableau dopri8 --steps-per-period 100 --out ring.nc",
+            "simulate row_ring12_points --periods 6 --tableau dopri8 --steps-per-period 100 --out ring.nc",
             "animate ring.nc --periods 1 --out ring.gif",
         ],
         "ring.gif",

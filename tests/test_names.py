@@ -57,9 +57,3 @@ def test_messages_name_nothing_that_does_not_exist():
         if name and name not in NOT_OF_PYTHON and not hasattr(jaxshroud, name)
     }
     assert not missing
-
-
-def test_the_contract_lists_the_public_names():
-    page = (ROOT.parent / "docs" / "contract.md").read_text("utf-8")
-    listed = page.split("\n## Python\n")[1].split("An argument that")[0]
-    assert sorted(re.findall(r"`([A-Za-z_]\w*)`", listed.partition(":\n\n")[2])) == sorted(jaxshroud.__all__)

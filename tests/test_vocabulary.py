@@ -88,13 +88,13 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *s
 
 def found_in(text: str) -> dict[str, list[str]]:
     """What is in a text that is not said, and what is said instead."""
-    wrong = [line for line in text.splitlines() if re.search("|".join(NOT_SAID), line)]
-    words = {instead: [line for line in wrong if re.search(pattern, line)] for pattern, instead in NOT_SAID.items()}
+    wrong = [line for line in text.splitlines() if re.search("|".join(NOT_SAID), line, re.IGNORECASE)]
+    words = {said: [line for line in wrong if re.search(one, line, re.IGNORECASE)] for one, said in NOT_SAID.items()}
     return {instead: lines for instead, lines in words.items() if lines}
 
 
 def test_what_is_not_said_is_found():
-    assert set(found_in("it tells all\nbut for one's own")) == {"says, gives, shows", "except for", "your own"}
+    assert set(found_in("it Tells all\nbut for one's own")) == {"says, gives, shows", "except for", "your own"}
     assert not found_in("colours that are told apart; 70 cannot be told")
 
 

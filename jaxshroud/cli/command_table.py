@@ -44,7 +44,7 @@ class Command(NamedTuple):
     arguments: tuple[str, ...] = ()  # of the verb: options of the same name, or n_periods and transient of [run]
     files: tuple[str, ...] = ()  # written into the folder --out; none: --out is the file
     unit: str = "lane-periods"  # of progress
-    module: str = ""  # of `cli` with NAME_command, for a command that has something special
+    module: str = ""  # of `cli`, with NAME_command
 
 
 COMMANDS = {
@@ -56,7 +56,7 @@ COMMANDS = {
             Option("--every", "store every M-th step", count(1), 1, metavar="M"),
             Option("--events", "store the states on both sides of every event too", action="store_true"),
             Option("--from", "start from its last state", path, metavar="FILE.nc", dest="earlier"),
-            shared_option("--out", metavar="FILE.nc"),
+            shared_option("--out", help="the file of the run", metavar="FILE.nc"),
         ),
         arguments=("n_periods", "every", "events"),
         unit="steps",
@@ -189,6 +189,7 @@ COMMANDS = {
         (*SIMULATION, "--transient", "--out"),
         arguments=("n_periods", "transient"),
         files=("lyapunov.nc", "summary.json"),
+        module="orbits",
     ),
     "gradient": Command(
         "Derivatives of P_d, or of an amplitude, with respect to numbers of a scene.",
@@ -204,7 +205,7 @@ COMMANDS = {
             Option("--pairs", "pairs of samples of that average", count(2), 128, metavar="N"),
             shared_option("--seed", help="seed of the samples"),
             Option("--check", "compare with differences at three step sizes", action="store_true"),
-            shared_option("--out", metavar="FILE.json"),
+            shared_option("--out", help="the file of the derivatives", metavar="FILE.json"),
             "--dpi",
         ),
         arguments=("n_periods", "transient", "of", "sigma", "pairs", "seed"),
@@ -390,7 +391,7 @@ COMMANDS = {
             ),
             Option("--start", "where its range begins", metavar="A"),
             Option("--stop", "where its range ends", metavar="B"),
-            Option("--num", "its values", count(2), 40, metavar="N"),
+            Option("--num", "how many values its range has", count(2), 40, metavar="N"),
             Option("--sigmas", "standard deviations of the mistuning", shares, [0.03], metavar="A,B"),
             Option("--n-patterns", "random patterns of each", count(1), 100, metavar="N"),
             Option(
@@ -586,24 +587,26 @@ COMMANDS = {
             Option("--no-residuals", "leave residual vectors out", action="store_false", dest="residuals"),
             Option(
                 "--residual-frequency",
-                "that stiffer residual vectors are given [Hz], or inf; by default eight times the highest mode's",
+                "highest frequency of residual vectors [Hz], or inf; by default eight times the highest mode's",
                 number,
                 metavar="F",
             ),
             Option(
                 "--contact-stiffness",
-                "leave out residual vectors that are stiff beside it [N/m]",
+                "stiffness of the contact [N/m]: residual vectors that are stiff beside it are left out",
                 positive,
                 metavar="K",
             ),
             Option("--at-speed", "K at a speed of the rotor, for B", path, metavar="FILE"),
-            Option("--speed", "that speed, such as 3000rpm", speed, 0.0, metavar="SPEED"),
+            Option("--speed", "the speed of --at-speed, such as 3000rpm", speed, 0.0, metavar="SPEED"),
             Option(
                 "--cyclic", "frequencies over nodal diameters, for kappa: lines h, f1, f2 ...", path, metavar="FILE"
             ),
-            Option("--blades", "of the ring of these", count(2), 0, metavar="N"),
-            Option("--least-collinearity", "below which a complex shape is refused", number, 0.8, metavar="X"),
-            Option("--units", "of the model", default="si", choices=("si", "mm-t-s", "mm-kg-s")),
+            Option("--blades", "blades of the ring of --cyclic", count(2), 0, metavar="N"),
+            Option(
+                "--least-collinearity", "complex shapes that are less collinear are refused", number, 0.8, metavar="X"
+            ),
+            Option("--units", "units of the model", default="si", choices=("si", "mm-t-s", "mm-kg-s")),
             shared_option("--out", help="the table, for [blades] modes", metavar="FILE.csv"),
             shared_option("--force", help="replace an existing file"),
         ),

@@ -185,11 +185,7 @@ def _keep_list() -> None:
 def _command(name: str) -> Callable[[Namespace], None]:
     """The function of a command, with the modules that it needs imported."""
     getattr(jaxshroud, name, None)  # the verb, which imports JAX; some commands are not verbs
-    if module := COMMANDS[name].module:
-        return getattr(import_module(f"jaxshroud.cli.{module}"), f"{name}_command")
-    from jaxshroud.cli.computation import Computation
-
-    return Computation()
+    return getattr(import_module(f"jaxshroud.cli.{COMMANDS[name].module}"), f"{name}_command")
 
 
 def set_up_jax() -> None:

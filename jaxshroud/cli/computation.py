@@ -38,7 +38,6 @@ from jaxshroud.cli.terminal import (
 )
 from jaxshroud.io.store import write_json
 from jaxshroud.march.method import FAST, Choices
-from jaxshroud.results.base import ORIGIN
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.plan import Trials
@@ -138,13 +137,6 @@ def print_result(completed: CompletedCall, rows: Mapping[str, Any], title: str =
     print_table(title or completed.title, {**rows, "written": files_written()})
 
 
-def write_and_print(completed: CompletedCall) -> None:
-    """Write a result and print its summary without its origin."""
-    summary = completed.result.summary()
-    write_files(completed, summary)
-    print_result(completed, {name: value for name, value in summary.items() if name not in ORIGIN})
-
-
 @dataclass(frozen=True, kw_only=True)
 class Computation:
     """What is special of a command that computes; by default nothing is."""
@@ -162,7 +154,7 @@ class Computation:
     imports: Sequence[str] = (*DATASETS, *STATISTICS)  # in the background, beside what draws pictures
     announce: Callable[[VerbCall], None] = lambda call: None  # what is said before the run
     run: Callable[[VerbCall, Progress], Any] = call_verb
-    output: Callable[[CompletedCall], None] = write_and_print
+    output: Callable[[CompletedCall], None]  # writes the result, and prints it in words
 
     def __call__(self, options: argparse.Namespace) -> None:
         """Run the command."""

@@ -17,6 +17,7 @@ from jaxshroud.cli.sweep import RESUME_ADVICE
 from jaxshroud.cli.terminal import CommandError, files_written, print_columns, print_table, warn_status
 from jaxshroud.io.unfinished_store import remove_store
 from jaxshroud.march.method import FOR_P_D
+from jaxshroud.results.extremes import amplitude_words
 from jaxshroud.results.mistuned import Mistuned
 from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
@@ -116,16 +117,16 @@ def _run_mistuning(call: VerbCall, progress: Progress) -> Mistuned:
 def _output_mistuning(completed: CompletedCall) -> None:
     result: Mistuned = completed.result
     write_files(completed)
-    heads = ("design", "sigma", "5 %", "median", "95 %", "largest", "without")
+    heads = ("design", "sigma", "5 %", "median", "95 %", "largest", "design alone")
     print_columns("amplification", heads, _amplification_rows(result))
     warn_status(result.status, result.chatter)
     worst = result.worst
     value = result.worst_value[result.worst]
     key = find_key(result.along)[0].parts
     shown = {
-        "tuned": f"{result.tuned_largest:.6g} at {display_value(*key, result.tuned_value)}",
-        "largest drawn": f"{result.amplification[worst]:.4g}, blade {result.worst_blade[worst]} at "
-        f"{display_value(*key, value)}, {result.participation_ratio[worst]:.2g} of the blades take part",
+        "tuned": f"{amplitude_words(result.of, result.tuned_largest)} at {display_value(*key, result.tuned_value)}",
+        "largest drawn": f"{result.amplification[worst]:.4g} times that, of blade {result.worst_blade[worst]} at "
+        f"{display_value(*key, value)}; {100 * result.participation_ratio[worst]:.2g} % of the blades take part",
         "Whitehead (linear, one mode per blade)": f"{result.whitehead:.4g}",
         **_search_rows(result),
         "ended": result.ended,
@@ -151,7 +152,7 @@ def _amplification_rows(result: Mistuned) -> list[tuple[str, ...]]:
 
 def _known(end: float) -> str:
     """The end of an interval as text, if there are patterns enough for it."""
-    return f"{end:.4g}" if np.isfinite(end) else "?"
+    return f"{end:.4g}" if np.isfinite(end) else "not known"
 
 
 def _search_rows(result: Mistuned) -> dict[str, str]:

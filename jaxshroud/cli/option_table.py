@@ -181,7 +181,7 @@ SHARED_OPTIONS = {
         Option("scene", "a TOML file or the name of a shipped scene", metavar="SCENE"),
         Option(
             "--set",
-            "number of the scene, e.g. shroud.gap=20um",
+            "change a number of the scene, e.g. shroud.gap=20um",
             default=[],
             metavar="K=V",
             action="append",
@@ -206,7 +206,7 @@ SHARED_OPTIONS = {
         Option("--order", "order of the power series of --tableau taylor", count(1), metavar="N"),
         Option("--step-tolerance", "relative tolerance of a step of --tableau taylor", number, metavar="R"),
         Option("--locate", "how events are located; by default as suits the method", choices=get_args(Locate)),
-        Option("--precision", "of all numbers; float64 by default", choices=get_args(Precision)),
+        Option("--precision", "precision of all numbers; float64 by default", choices=get_args(Precision)),
         Option("--linear", "let contact stay in this state, and take the closed form", choices=("apart", "stuck")),
         Option("--forces", "keep contact forces, slip, wear and impacts", action="store_true"),
         Option("--amplitudes", "keep amplitudes of x, y and theta: mean, RMS and peak", action="store_true"),

@@ -1,4 +1,4 @@
-"""The commands that follow or find several motions of a scene: `response`, `branch`, `attractors` and `basins`."""
+"""The commands about motions and their stability: `orbit`, `lyapunov`, `response`, `branch`, `attractors`, `basins`."""
 
 import argparse
 import sys
@@ -31,8 +31,11 @@ from jaxshroud.cli.terminal import (
 )
 from jaxshroud.io.store import write_json
 from jaxshroud.march.method import FOR_P_D
+from jaxshroud.model.modes import Status
 from jaxshroud.results.attractors import Attractors
 from jaxshroud.results.branch import Branch
+from jaxshroud.results.diagnosis import Lyapunov
+from jaxshroud.results.orbit import Orbit
 from jaxshroud.results.response import Response
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.file import SceneFile
@@ -42,11 +45,48 @@ from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.overrides import axis
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
-from jaxshroud.signals.effects import between, with_interval
+from jaxshroud.signals.effects import between, exponent_text, with_interval
 
 BACKGROUND_FILE = "sweep.nc"  # the sweep behind a branch
 NOT_IN_BRANCH_TABLE = ("along", "special", "ends", "scene", "version")  # of its summary
 IN_ATTRACTORS_TABLE = ("starts", "undecided or stopped", "worst", "method", "seconds")
+
+
+# One motion
+
+
+def _output_orbit(completed: CompletedCall) -> None:
+    orbit: Orbit = completed.result
+    write_files(completed)
+    rows = {"motion": f"no orbit; {orbit.periods} periods simulated"}
+    if orbit.found:
+        multipliers = [f"{mu.real:.4g}{mu.imag:+.4g}i" for mu in orbit.multipliers if mu]
+        rest = len(orbit.multipliers) - len(multipliers)
+        largest = abs(orbit.multipliers[0])
+        rows = {
+            "motion": f"period {orbit.q}, {'stable' if largest < 1 else 'unstable'}",
+            "P_d": f"{orbit.P_d:.6g} %",
+            "P_d of the vibration": f"{orbit.P_d_vibration:.6g} %",
+            "largest multiplier": f"{largest:.4g}",
+            "multipliers": ", ".join([*multipliers, *([f"{rest} are 0"] if rest else [])]),
+            "closed to": f"{orbit.residual:.1e} of its size",
+        }
+    print_result(completed, {**rows, "flags": ", ".join(orbit.flags) or "none", **_run_rows(completed)})
+
+
+def _run_rows(completed: CompletedCall) -> dict[str, Any]:
+    """How the run ended, and how it was marched."""
+    result = completed.result
+    method = f"{result.method}, {result.steps_per_period} steps a period"
+    return {"status": result.summary()["status"], "method": method}
+
+
+def _output_exponents(completed: CompletedCall) -> None:
+    result: Lyapunov = completed.result
+    write_files(completed)
+    texts = [exponent_text(*pair, result.stuck) for pair in zip(result.exponents, result.ci, strict=True)]
+    rows = {"exponents per drive period": ", ".join(texts)} if result.status == Status.OK else {}
+    print_result(completed, {**rows, **_run_rows(completed)})
 
 
 # Response
@@ -286,7 +326,8 @@ def _output_attractors(completed: CompletedCall) -> None:
     print_result(completed, {**rows, "worst": attractors.worst_text})
 
 
-orbit_command = Computation(usual=FOR_P_D)
+orbit_command = Computation(usual=FOR_P_D, output=_output_orbit)
+lyapunov_command = Computation(output=_output_exponents)
 response_command = Computation(
     prepare=_response_arguments,
     scenes=_ends_of_range,

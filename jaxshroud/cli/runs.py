@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from jaxshroud.march.tableau import MIN_STEPS
 from jaxshroud.model.modes import Status
 from jaxshroud.orbits.short_runs import trajectory_ends
 from jaxshroud.results.amplitudes import amplitude_numbers, load_numbers
+from jaxshroud.results.extremes import amplitude_words
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import PAIR
 from jaxshroud.signals.amplitudes import check_vibration, is_preloaded
@@ -112,15 +113,25 @@ def _output_power(completed: CompletedCall) -> None:
         **of_vibration,
         **({"mean position": completed.result.mean_shift} if completed.result.mean_shift else {}),
         "periods": final["n"],
-        "stable": final["stable"],
-        "period number": final["period_number"] or "aperiodic",
-        **amplitude_numbers(completed.result, ok, final["period_number"] == 0, final["n"]),
+        "stable": "yes" if final["stable"] else "no",
+        "motion": f"period {final['period_number']}" if final["period_number"] else "aperiodic",
+        **dict(_in_units_of_pictures(amplitude_numbers(completed.result, ok, final["period_number"] == 0, final["n"]))),
         **load_numbers(completed.result, ok),
     }
     print_result(completed, rows)
     print(completed.result.mechanism)
     if not final["stable"]:
         print(f"warning: P_d is not stable after {final['n']} periods; give more with --periods", file=sys.stderr)
+
+
+def _in_units_of_pictures(numbers: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Rows of amplitudes: numbers in the unit of pictures, without those of what does not move."""
+    for name, value in numbers.items():
+        if not isinstance(value, float):
+            yield name, value
+        elif value:
+            head = name.partition(" [")[0]
+            yield head, amplitude_words(f"{head.split()[-1]}_peak", value)
 
 
 def _output_trade(completed: CompletedCall) -> None:

@@ -51,9 +51,9 @@ from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE, sweep
 
 BARE_AMPLITUDES = ("largest amplitude of x [m]", "largest amplitude of y [m]", "largest amplitude of theta [rad]")
 DOUBTED = {  # of runs that a result marks, by the names of the marks
-    "inaccurate": "may miss the accuracy over three periods (marked in {}): statistics of chaos bear it, single values "
-    "do not",
-    "unconfirmed": "settle elsewhere by a finer march (marked in {})",
+    "inaccurate": "may miss the accuracy{of} over three periods (marked in {store}): statistics of chaos bear it, "
+    "single values do not",
+    "unconfirmed": "settle elsewhere by a finer march (marked in {store})",
 }
 RESUME_ADVICE = "; the same command with --resume goes on"
 MOST_IN_FILE = 2**30  # bytes of results that are held in memory, and written at the end as one file
@@ -109,7 +109,8 @@ def sweep_command(options: argparse.Namespace) -> None:
     for name, do in DOUBTED.items():
         lanes = getattr(result, name)
         if lanes is not None:
-            words = f"{lanes.sum()} of {lanes.size} runs {do.format(store)}"
+            of = f" of {march.tried.accuracy:.0e}" if march.tried else ""
+            words = f"{lanes.sum()} of {lanes.size} runs" + f" {do.format(store=store, of=of)}" * bool(lanes.any())
             summary |= {name: {"runs": int(lanes.sum()), "words": words}}
     write_json(summary, options.out / "summary.json")
     warn_status(result.status, result.chatter)

@@ -46,7 +46,7 @@ class DiagramPanel:
         """An empty diagram.
 
         Args:
-            recolouring: Told of what follows light and dark.
+            recolouring: Notified of what follows light and dark.
             zoomed: Called with the ends that are shown, in SI units, once they change.
             chosen: Called with the value under a click, in SI units.
         """
@@ -201,7 +201,7 @@ class MapPanel:
         """An empty map.
 
         Args:
-            recolouring: Told of what follows light and dark.
+            recolouring: Notified of what follows light and dark.
             keys: Those that can be chosen for the vertical axis.
             chosen: Called with the values under a click, in SI units.
         """

@@ -145,7 +145,7 @@ def _over(page: Page, kind: str, behind: Page, other_kind: str) -> Page:
         page,
         panels=[*map(with_other, page.panels)],
         single=[*map(with_other, page.single)],
-        title=f"{page.title}; grey: {behind.title}",
+        title=f"{page.title}; grey: {behind.title.removeprefix(page.title).removeprefix(', but ')}",
         finish=finish,
     )
 
@@ -238,8 +238,9 @@ def set_ticks(axes: Axes) -> None:
         locator = axis.get_major_locator()
         if isinstance(locator, MaxNLocator):
             locator.set_params(min_n_ticks=FEWEST_TICKS)
-            if axis is axes.xaxis and _is_crowded(axes):
-                locator.set_params(nbins=5)
+            for nbins in (5, FEWEST_TICKS):
+                if axis is axes.xaxis and _is_crowded(axes):
+                    locator.set_params(nbins=nbins)
         elif isinstance(locator, LogLocator) and _count_visible_ticks(axis) < FEWEST_TICKS:
             axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             axis.set_major_formatter("{x:g}")

@@ -46,6 +46,8 @@ from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.quantities import free_name, quantity_symbol
 from jaxshroud.signals.period import NOT_SETTLED
 
+NOT_OVER = "transient not over"
+UNSETTLED_STYLE: Properties = {"marker": "x", "ms": 3.5, "mew": 0.7, "mec": RED, "ls": ""}
 FREE_STYLE: Properties = {"color": GREY, "lw": 0.8, "ls": (0, (1.2, 1.2))}
 MEMBER_COLOURS = (BLUE, ORANGE, GREEN, PINK, RED, SKY)
 BROKEN_STYLE: Properties = {"color": RED, "lw": 0.9}  # of waves whose shift is broken
@@ -162,9 +164,11 @@ def _draw_directions(panel: Axes, ds: xr.Dataset, values: PlotArray, unit: Ampli
         level = np.where(lanes["status"].to_numpy() == Status.OK, lanes[DRAWN].to_numpy(), np.nan) * unit.factor
         _, color, marker, size = DIRECTION_STYLES[way] if way else ("", BLUE, "o", 2.0)
         line: Properties = {"lw": 0.8, "ls": "-"} if way is None else {"lw": 0, "ls": ""}
-        joined = np.where(lanes["settling"].to_numpy() == NOT_SETTLED, np.nan, level)
+        unsettled = lanes["settling"].to_numpy() == NOT_SETTLED
         panel.plot(values, level, marker=marker, ms=size, mew=0, color=color, ls="")
-        panel.plot(values, joined, color=color, **line)
+        panel.plot(values, np.where(unsettled, np.nan, level), color=color, **line)
+        if way is None:
+            panel.plot(values[unsettled], level[unsettled], **UNSETTLED_STYLE)
 
 
 def _finish_amplitudes(figure: AnyFigure, axes: Mapping[str, Axes], shown: AmplitudeContent) -> None:
@@ -175,7 +179,8 @@ def _contact_entries(ds: xr.Dataset) -> list[Artist]:
     """Legend entries of the motion with contact."""
     if "direction" in ds.dims:
         return direction_entries()
-    return [Line2D([], [], color=BLUE, lw=0.8, marker="o", ms=2, label="with contact")]
+    unsettled = [Line2D([], [], label=NOT_OVER, **UNSETTLED_STYLE)] if (ds["settling"] == NOT_SETTLED).any() else []
+    return [Line2D([], [], color=BLUE, lw=0.8, marker="o", ms=2, label="with contact"), *unsettled]
 
 
 def _finish_panels(figure: AnyFigure, axes: Mapping[str, Axes], axis: ParameterAxis, handles: Sequence[Artist]) -> None:

@@ -32,7 +32,7 @@ def _draw_amplitudes(panel: Axes, run: RunData) -> None:
     peak, free = (PER_MICRO * run.ds[name].to_numpy() for name in ("x_peak", "x_free"))
     blades = np.arange(len(peak))
     panel.bar(blades, peak, width=0.7, color=BLUE, label="with contact")
-    panel.plot(blades, free, "_", ms=9, color=INK, label="without")
+    panel.plot(blades, free, "_", ms=9, color=INK, label="without contact")
     panel.set(xlabel="blade", ylabel="amplitude of $x$ [μm]")
     panel.set_ylim(0, 1.25 * float(np.nanmax([*peak, *free])))
     panel.legend(ncols=2, loc="upper center", frameon=False)

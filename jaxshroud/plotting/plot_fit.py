@@ -97,7 +97,7 @@ def _draw_profile(panel: Axes, ds: xr.Dataset, key: str, i: int) -> None:
         panel.axvspan(low, high, color=BLUE, alpha=0.2, lw=0)
     else:
         panel.text(0.5, 0.95, "not determined", ha="center", va="top", transform=panel.transAxes)
-    panel.set(xlabel=f"change of ${symbol}$ [{unit}]", ylabel="rise of $\\chi^2$\nover that of 95 %")
+    panel.set(xlabel=f"change of ${symbol}$ [{unit}]", ylabel="rise of $\\chi^2$\nover its limit")
     panel.locator_params(axis="x", nbins=2)
     panel.ticklabel_format(axis="x", scilimits=(-2, 3))
     panel.set_ylim(-0.1 * MOST_RISE, max(1.2, min(MOST_RISE, 1.1 * float(np.nanmax(rise, initial=0.0)))))

@@ -305,7 +305,7 @@ ROW_PAGES = {**{panel.name: (panel,) for panel in BLADE_PANELS}, "motion": BLADE
 def _draw_last_periods(panel: Axes, t: PlotArray, x: PlotArray, mode: IntegerArray) -> None:
     last = t > t[-1] - 10 - 1e-9  # t is a quotient, so ten periods are subject to rounding
     t, x, mode = t[last], x[last], mode[last]
-    for blade, color, width in ((0, INK, 0.9), (1, GREY, 0.6)):
+    for blade, color, width in ((0, INK, 0.9), (1, BLUE, 0.6)):
         panel.plot(t, x[:, blade], color=color, lw=width, zorder=3 - blade, label=f"$x_{blade + 1}$")
     first = np.flatnonzero(np.diff(mode, prepend=-1))
     spans = np.stack([t[first], np.diff(t[first], append=t[-1])], axis=-1)

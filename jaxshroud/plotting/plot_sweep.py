@@ -27,7 +27,7 @@ from jaxshroud.plotting.page import (
     scale_of,
     title_of,
 )
-from jaxshroud.plotting.plot_amplitude import amplitude_page
+from jaxshroud.plotting.plot_amplitude import NOT_OVER, amplitude_page
 from jaxshroud.plotting.plot_directions import directions_page
 from jaxshroud.plotting.style import (
     BLUE,
@@ -52,7 +52,6 @@ from jaxshroud.plotting.style import (
 )
 from jaxshroud.scene.checks import InputError
 
-NOT_OVER = "transient not over"
 MOTION_COLOURS = {
     "period 1": BLUE,
     "period 2": ORANGE,

@@ -184,23 +184,26 @@ def _draw_values(panel: Axes, tuning: TuningData) -> None:
     order = np.argsort(scan)
     scores, half = (np.array(data[name], float)[order] for name in ("scanned_scores", "scanned_ci"))
     panel.errorbar(scan[order] * unit, scores, half, fmt="o-", color=BLUE, ms=3, lw=0.9, capsize=1.5)
-    path = np.column_stack([tuning.points[:, tuning.best], tuning.scores[:, tuning.best]])
-    looked = np.concatenate([path, tuning.rounds])
+    looked = _looked_at(tuning)
     panel.plot(looked[:, 0] * unit, looked[:, 1], **ROUNDS_STYLE)
     panel.plot(design * unit, looked[-1, 1], **DESIGN_STYLE)
     panel.set(xlabel=label, ylabel="score [%]", xscale="log" if ends[0] > 0 else "linear")
 
 
+def _looked_at(tuning: TuningData) -> PlotArray:
+    """The values of one number after the scan, up to the tuned one, with their scores."""
+    path = np.column_stack([tuning.points[:, tuning.best], tuning.scores[:, tuning.best]])
+    return np.concatenate([path, tuning.rounds])
+
+
 def _name_values(figure: AnyFigure, axes: Mapping[str, Axes], tuning: TuningData) -> None:
     """Add the legend of the values."""
-    del axes, tuning
+    del axes
     tried: Properties = {"color": BLUE, "marker": "o", "ms": 3, "lw": 0.9}
-    handles: list[Artist] = [
-        Line2D([], [], label="scan, with 95 % intervals", **tried),
-        Line2D([], [], label="looked at later", **ROUNDS_STYLE),
-        Patch(color=SKY, alpha=0.25, label="the best is between"),
-    ]
-    legend_below(figure, [*handles, DESIGN_MARK])
+    handles: list[Artist] = [Line2D([], [], label="scan, with 95 % intervals", **tried)]
+    if np.ptp(_looked_at(tuning)[:, 0]):
+        handles.append(Line2D([], [], label="looked at later", **ROUNDS_STYLE))
+    legend_below(figure, [*handles, Patch(color=SKY, alpha=0.25, label="the best is between"), DESIGN_MARK])
 
 
 def _name_paths(figure: AnyFigure, axes: Mapping[str, Axes], tuning: TuningData) -> None:

@@ -91,18 +91,27 @@ def unicode_text(text: str) -> str:
     return re.sub(r"(?<=\b\w)_(\d)\b", lambda match: chr(ord("₀") + int(match[1])), text)
 
 
+BEFORE_UNIT = r"(?<=\d) (?=(?:N|kN|Hz|rad|rpm|mm|um|μm|m|kg|g|%|°)(?!\w))|(?<=\d N) (?=m(?!\w))"  # a blank that stays
+
+
 def wrapped(text: str, width: int) -> str:
-    """Text in lines of about `width` visible characters; formulas are not broken."""
+    """Text in as few lines of at most `width` visible characters as it takes, alike in length; formulas are whole."""
+    lines = _lines_of(text, width)
+    narrowest = next(fewer for fewer in range(1, width + 1) if len(_lines_of(text, fewer)) == len(lines))
+    return "\n".join(_lines_of(text, narrowest))
+
+
+def _lines_of(text: str, width: int) -> list[str]:
     lines = [""]
     length = 0
-    for word in re.findall(r"(?:\\\$|\$(?:\\\$|[^$])*\$| = |[^\s$])+", text):
+    for word in re.findall(rf"(?:\\\$|\$(?:\\\$|[^$])*\$| = |{BEFORE_UNIT}|[^\s$])+", text):
         size = _visible_length(word)
         if length and length + 1 + size > width:
             lines = [*lines, ""]
             length = 0
         lines[-1] += f" {word}" if length else word
         length += size + (length > 0)
-    return "\n".join(lines)
+    return lines
 
 
 def _visible_length(text: str) -> int:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxshroud.io.variable import Variable
-from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.keys import Motion, parse_key
 from jaxshroud.signals.effects import with_interval
 
 if TYPE_CHECKING:
@@ -101,14 +101,15 @@ def amplitude_numbers(result: Any, ok: np.ndarray, aperiodic: np.ndarray, period
 def _largest_rms(result: Any, ok: np.ndarray) -> dict[str, str]:
     """The largest root mean square of each displacement that moves, with its interval, of any blade in lanes OK."""
     rows = {}
-    for name, unit in (("x", "m"), ("y", "m"), ("theta", "rad")):
+    for name in ("x", "y", "theta"):
         rms, ci = getattr(result, f"{name}_rms"), getattr(result, f"{name}_rms_ci")
         if rms is None or ci is None:
             continue
         counted = np.where(np.reshape(ok, (*np.shape(ok), 1)) & np.isfinite(rms), rms, 0.0)
         if counted.any():
             at = np.unravel_index(np.argmax(counted), counted.shape)
-            rows[f"largest RMS of {name}"] = with_interval(float(rms[at]), float(ci[at]), unit)
+            unit, per_si = parse_key(f"initial.{name}")[0].shown
+            rows[f"largest RMS of {name}"] = with_interval(per_si * float(rms[at]), per_si * float(ci[at]), unit)
     return rows
 
 

@@ -117,7 +117,7 @@ class Mistuned(Result):
         names = self.coarse_patterns
         named = "; ".join(names[:MAX_NAMED]) + (f"; and {len(names) - MAX_NAMED} more" * (len(names) > MAX_NAMED))
         which = f" ({named})" if names else ""
-        return f"of {self.coarse} patterns{which} the peak is narrower than the distance of values: take more"
+        return f"{self.coarse} patterns{which} have a peak narrower than the distance of values: give more values"
 
     @property
     def messages(self) -> list[str]:

@@ -191,7 +191,8 @@ class Trajectory(WithAmplitudes, Result):
         from jaxshroud.scene.config import parse
         from jaxshroud.scene.drive_orders import order_of_drive
 
-        return order_of_drive(parse(self.scene, "the scene of this result").scene.drive) if self.scene else None
+        named = ["parts.contact=spring"] * ('contact = "own"' in self.scene)  # for a law that no file can name
+        return order_of_drive(parse(self.scene, "the scene of this result", named).scene.drive) if self.scene else None
 
     @property
     def _repeats(self) -> int:

@@ -177,8 +177,9 @@ def mean_shift_text(
     if apart[at] <= TOLD_DIFFERENCE:
         return ""
     where = f" (the largest difference, {place(at)})" if len(apart) > 1 else ""
+    change = f"{'is reduced' if alone[at] >= 0 else 'grows'} by {abs(alone[at]):.1f} %"
     advice = "P_d_vibration counted" if counted == "P_d_vibration" else f"{option}P_d_vibration counts that"
     return (
         f"contact also shifts the mean position, which P_d counts as vibration: {with_shift[at]:.1f} % where "
-        f"vibration alone is reduced by {alone[at]:.1f} %{where}; {advice}"
+        f"vibration alone {change}{where}; {advice}"
     )

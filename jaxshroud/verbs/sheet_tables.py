@@ -100,7 +100,7 @@ def crossing_rows(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
     heads = ["crossings", "contact", "engine order", "speed [rpm]", "the scene's speed"]
     groups = _crossings(sheet)
     nearest = sorted(range(len(groups)), key=lambda i: abs(groups[i][0].margin))[:MOST_CROSSINGS]
-    return heads, [_crossing_row(groups[i]) for i in sorted(nearest)]
+    return heads, [_crossing_row(sheet, groups[i]) for i in sorted(nearest)]
 
 
 def left_out(sheet: DataSheet) -> str:
@@ -148,20 +148,28 @@ def lines_of(sheet: DataSheet) -> dict[str, str]:
     return lines | {f"advice {i}": text for i, text in enumerate(sheet.advice, 1)}
 
 
-def _crossing_row(crossings: Sequence[Crossing]) -> list[str]:
+def _crossing_row(sheet: DataSheet, crossings: Sequence[Crossing]) -> list[str]:
     """The row of modes that an engine order meets at one speed: that of free blades gives its name."""
     first, *_ = sorted(crossings, key=lambda crossing: crossing.contact)
     contacts = dict.fromkeys(CONTACT_NAMES[crossing.contact] for crossing in (first, *crossings))
     share = abs(first.margin)
     apart = f"{share:.{0 if share >= 10 else 1}f} % {'above' if first.margin > 0 else 'below'}"
-    return [first.mode, ", ".join(contacts), f"{first.engine_order:g}", f"{first.speed * RPM:.5g}", apart]
+    order = f"{first.engine_order:g}" + ", the drive's" * (first.engine_order in own_orders(sheet))
+    return [first.mode, ", ".join(contacts), order, f"{first.speed * RPM:.5g}", apart]
+
+
+def own_orders(sheet: DataSheet) -> list[float]:
+    """The engine orders of the drive; none of a scene that has none of its own."""
+    return [n * sheet.drive_order for n in sheet.harmonics] if sheet.is_own_order else []
 
 
 def _harmonics_text(sheet: DataSheet) -> str:
-    """The orders of the harmonics of the drive; empty where it has the first one alone."""
+    """The orders of the drive; empty where it has the first harmonic alone."""
     if sheet.harmonics == (1,):
         return ""
-    return f", with harmonics of order {', '.join(map(str, sheet.harmonics))}"
+    own = own_orders(sheet)
+    orders = ", ".join(f"{order:g}" for order in own or sheet.harmonics)
+    return f", with {'engine orders' if own else 'harmonics of order'} {orders}"
 
 
 def _speed_text(sheet: DataSheet) -> str:

@@ -8,6 +8,7 @@ import pytest
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
 from jaxshroud.scene.config import load
+from jaxshroud.signals.effects import with_interval
 
 CHANGES = ['parts.motion=["x"]', "blades.c_x=40", "drive.M_0=0"]  # settles on an orbit within a few periods
 SCENE = ["table1", *(word for change in CHANGES for word in ("--set", change)), "--steps-per-period", "100"]
@@ -27,13 +28,13 @@ def test_an_orbit_is_written_as_the_verb_returns_it(scene, tmp_path, capsys):
     np.testing.assert_array_equal(stored.multipliers, orbit.multipliers)  # the same program with the same numbers
     np.testing.assert_array_equal(stored.start.motion, orbit.start.motion)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert summary["q"] == 1
+    assert summary["period_number"] == 1
     assert summary["P_d"] == orbit.P_d
     assert summary["flags"] == []
     assert summary["multipliers"][0] == [orbit.multipliers[0].real, orbit.multipliers[0].imag]
     assert summary["source"] == "table1.toml"
     table = capsys.readouterr().out
-    for part in ("flags", "multipliers", "conditioning", "orbit.nc, summary.json"):
+    for part in ("period 1, stable", "flags", "multipliers", f"{orbit.P_d:.6g} %", "orbit.nc, summary.json"):
         assert part in table
 
 
@@ -53,7 +54,7 @@ def test_exponents_are_written_as_the_verb_returns_them(scene, tmp_path, capsys)
     assert summary["ci"][-1] is None
     assert summary["unit"] == "per drive period"
     printed = capsys.readouterr().out
-    assert f"{found.exponents[0]:.6g}, " in printed
+    assert with_interval(found.exponents[0], found.ci[0]) in printed
     assert "-inf" in printed
     assert "per drive period" in printed
 

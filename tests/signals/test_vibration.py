@@ -220,6 +220,7 @@ def test_what_differs_is_told():
     said = mean_shift_text(39.3, 99.9, option="--of ")
     assert "39.3 % where vibration alone is reduced by 99.9 %; --of P_d_vibration counts that" in said
     assert "99.9 % (the largest difference, run 1); P_d" in mean_shift_text([1.0, 39.3], [1.5, 99.9])
+    assert "-714.6 % where vibration alone grows by 708.0 %" in mean_shift_text(-714.6, -708.0)
     assert mean_shift_text(39.3, 39.9) == mean_shift_text(39.3, None) == mean_shift_text(np.nan, np.nan) == ""
 
 

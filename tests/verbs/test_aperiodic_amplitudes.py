@@ -69,7 +69,7 @@ def test_the_summary_says_of_how_many_periods_a_peak_is_and_how_many_to_keep(swe
     told = swept.summary()
     assert told["amplitudes of aperiodic motions"] == "the largest of 32 periods"
     assert told["too few periods"] == TOO_FEW
-    assert told["largest RMS of x"] == f"{swept.x_rms.max():.6g} m"
+    assert told["largest RMS of x"] == f"{1e3 * swept.x_rms.max():.6g} mm"
     periodic = js.sweep(SCENE, {"contact.gamma": [2.0, 3.0]}, **HOW).summary()
     assert not {"amplitudes of aperiodic motions", "too few periods"} & set(periodic)
     enough = js.sweep(SCENE, GAMMA, **{**HOW, "n_periods": 64})
