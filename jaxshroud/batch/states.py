@@ -17,16 +17,17 @@ from jaxshroud.march.event import GuardEvaluation, any_of, first_kind, present
 from jaxshroud.march.events import transition
 from jaxshroud.march.locate import select
 from jaxshroud.model.arithmetic import ZERO, filled, is_unrolled
-from jaxshroud.model.blade import ModalMotion, modal_blades_of
+from jaxshroud.model.blade import ModalMotion
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode, points_last
 from jaxshroud.model.prepared import Model, State, as_pairs
 from jaxshroud.model.row import at_only_interface
-from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.checks import InputError, Precision
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.modes import ModalBlades
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.valid import in_precision
 
 
 def initial_states(scenes: Scene) -> State:
@@ -78,14 +79,31 @@ def states_apart(scenes: Scene, motion: Motion) -> State:
 
 def own_motion(motion: Any, scenes: Scene) -> Any:
     """The motion of the blades' own coordinates, of least norm, that moves the shrouds of scenes (leading axis) so."""
-    if not isinstance(scenes.blades, ModalBlades):
+    if isinstance(motion, ModalMotion) or not isinstance(scenes.blades, ModalBlades):
         return motion
     if not is_traced((motion, scenes)):
         motion, scenes = jax.tree.map(np.asarray, (motion, scenes))  # by NumPy: nothing is compiled
+    xp = motion.x.__array_namespace__()
     modes = scenes.mode_numbers
     assert modes is not None
-    own = modal_blades_of(modes, scenes.parts).carried(motion)
-    return jax.tree.map(lambda a: a.astype(jax.tree.leaves(motion)[0].dtype), own)
+    numbers = zip(modes.shapes, COORDINATES, strict=True)
+    shapes = xp.stack([xp.stack(shape) * scenes.parts.has(name, 0) for shape, name in numbers])  # (3, n, ...)
+    gram = xp.sum(shapes[:, None] * shapes, axis=2)
+    one = xp.eye(3).reshape(3, 3, *(1,) * (gram.ndim - 2))
+    a, b, c = xp.where((gram == 0) & (one == 1), 1.0, gram)  # a shape of zeros moves nothing
+    dual = xp.stack([xp.cross(b, c, axis=0), xp.cross(c, a, axis=0), xp.cross(a, b, axis=0)])
+
+    def least(moved: Any) -> tuple[Any, ...]:
+        q = xp.einsum("i...,ij...,jn...->n...", xp.stack(moved), dual / xp.sum(a * dual[0], axis=0), shapes)
+        return tuple(q.astype(motion.x.dtype))
+
+    return ModalMotion(q=least(motion[:3]), rate=least(motion[3:]))
+
+
+def given_states(states: State, scenes: Scene, precision: Precision) -> State:
+    """A user's states in a precision, with the motion of the own coordinates of the blades of scenes."""
+    precise: State = in_precision(states, precision)
+    return State(own_motion(precise.motion, scenes), precise.u_s, precise.mode, precise.case)
 
 
 def carried_state(state: State, model: Model) -> State:

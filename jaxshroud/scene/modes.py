@@ -54,30 +54,14 @@ class ModeNumbers(NamedTuple):
 
         They set scales, of energy, of gamma and of steps; where the shroud does not move they are 1.
         """
-        inverse = [sum(a * a for a in shape) for shape in self.shapes]
-        moves = [a > 0 for a in inverse]
         xp = self.stiffness[0].__array_namespace__()
-
-        def reciprocal(a: Any, where: Any) -> Any:
-            return xp.where(where, 1 / xp.where(where, a, 1.0), 1.0)
-
-        mass = [reciprocal(a, m) for a, m in zip(inverse, moves, strict=True)]
-        stiff = [xp.where(k > 0, k, math.inf) for k in self.stiffness]  # a rigid motion bends nothing
-        soft = [sum(a * a / k for a, k in zip(shape, stiff, strict=True)) for shape in self.shapes]
-        spring = [reciprocal(a, a > 0) for a in soft]
-        lost = [sum(a * a * c for a, c in zip(shape, self.damping, strict=True)) for shape in self.shapes]
-        damping = [a * m**2 for a, m in zip(lost, mass, strict=True)]
-        return Blades(
-            m=mass[0],
-            m_y=mass[1],
-            I=mass[2],
-            k_x=spring[0],
-            k_y=spring[1],
-            k_T=spring[2],
-            c_x=damping[0],
-            c_y=damping[1],
-            c_T=damping[2],
-        )
+        square = xp.stack([xp.stack(shape) for shape in self.shapes]) ** 2
+        k = xp.stack(self.stiffness)
+        soft = square / xp.where(k > 0, k, math.inf)  # a rigid motion bends nothing
+        mass, spring = (1 / xp.where(a > 0, a, 1.0) for a in (xp.sum(square, axis=1), xp.sum(soft, axis=1)))
+        damping = mass**2 * xp.sum(square * xp.stack(self.damping), axis=1)
+        names = ("m", "m_y", "I", "k_x", "k_y", "k_T", "c_x", "c_y", "c_T")
+        return Blades(**dict(zip(names, (*mass, *spring, *damping), strict=True)))
 
     @property
     def main_oscillators(self) -> dict[str, tuple[Any, Any, Any]]:
@@ -221,10 +205,12 @@ def modal_blades(
 
     def each(a: Any) -> np.ndarray:
         a = np.asarray(a, float)
-        own = a[..., None] if a.ndim == 1 else a
-        if own.ndim > 2 or any(n not in (1, whole) for n, whole in zip(own.shape[::-1], shape[::-1], strict=False)):
-            raise InputError(f"Arrays of {shape[0]} modes of {blades} blades have other shapes, not {a.shape}.")
-        return np.broadcast_to(own, shape)
+        try:
+            return np.broadcast_to(a[:, None] if a.ndim == 1 else a, shape)
+        except ValueError:
+            raise InputError(
+                f"Arrays of {shape[0]} modes of {blades} blades have other shapes, not {a.shape}."
+            ) from None
 
     rows = np.asarray(phi, float)
     if rows.ndim not in (2, 3) or len(rows) != len(SHAPES):
