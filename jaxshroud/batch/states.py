@@ -34,7 +34,16 @@ def initial_states(scenes: Scene) -> State:
     """The initial state of each scene (leading axis), which needs nothing compiled except for a static start."""
     if scenes.start != "motion":
         return static_states(scenes)
-    return states_apart(scenes, scenes.initial)
+    motion = own_motion(scenes.initial, scenes)
+    if isinstance(scenes.blades, ModalBlades):
+        modes = scenes.blades.modes
+        starts = [mode.q for mode in modes], [mode.v for mode in modes]
+        motion = ModalMotion._make(tuple(map(_plus, *parts)) for parts in zip(motion, starts, strict=True))
+    return states_apart(scenes, motion)
+
+
+def _plus(a: Any, further: Any) -> Any:
+    return a if further is None else a + further
 
 
 def static_states(scenes: Scene) -> State:
@@ -63,11 +72,11 @@ def _in_contact(state: State, contact: ContactState) -> State:
     return State(state.motion, u_s, np.reshape(contact.mode, np.shape(state.mode)), case)
 
 
-def states_apart(scenes: Scene, motion: Motion) -> State:
+def states_apart(scenes: Scene, motion: Any) -> State:
     """The states of scenes (leading axis) with a motion, apart: where blocks overlap, contact begins at once."""
     like = jnp if is_traced(scenes) else np
     one = scenes.friction.mu  # at each interface
-    real = motion.x.dtype
+    real = scenes.drive.omega.dtype
     nothing = like.zeros_like(one, np.int32)
     points = scenes.contact.points
     motion = own_motion(motion, scenes)

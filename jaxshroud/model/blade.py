@@ -108,6 +108,10 @@ class LumpedBlade(eqx.Module):
         del inverse
         return z._replace(theta=theta, v_theta=v_theta)
 
+    def drive_power(self, z: Motion, Q: Wave, drive: Excitation) -> Any:
+        """The power of the drive [W]."""
+        return drive.power(Q, z)
+
     def viscous_power(self, z: Motion) -> Any:
         """The power lost in the dampers [W]."""
         return self.c_x * z.v_x**2 + self.c_y * z.v_y**2 + self.c_T * z.v_theta**2
@@ -147,7 +151,7 @@ class ModalBlade(eqx.Module):
         on_shroud = [drive.force(name, Q) + own for name, own in zip(COORDINATES, R, strict=True)]
         forces = (dot(column, on_shroud) for column in zip(*self.shapes, strict=True))
         own = zip(forces, self.damping, z.rate, self.stiffness, z.q, strict=True)
-        return tuple(force - c * rate - k * q for force, c, rate, k, q in own)
+        return tuple(force + drive.on_mode(j, Q) - c * rate - k * q for j, (force, c, rate, k, q) in enumerate(own))
 
     def rate(self, z: Any, a: tuple[Any, ...]) -> ModalMotion:
         """The rate of a motion with these accelerations."""
@@ -166,6 +170,10 @@ class ModalBlade(eqx.Module):
     def with_turn(self, z: Any, theta: Any, v_theta: Any, inverse: None) -> Any:
         """The motion once an impulsive torque on the shroud gives it this angle and this angular speed."""
         return ModalMotion(self.turned(z.q, theta, inverse), self.turned(z.rate, v_theta, inverse))
+
+    def drive_power(self, z: Any, Q: Wave, drive: Excitation) -> Any:
+        """The power of the drive [W]."""
+        return drive.power(Q, self.shroud(z)) + summed(drive.on_mode(j, Q) * v for j, v in enumerate(z.rate))
 
     def viscous_power(self, z: Any) -> Any:
         """The power lost in the dampers [W]."""

@@ -14,7 +14,7 @@ from jaxtyping import Array, Complex
 
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.coupling import SUFFIXES
-from jaxshroud.scene.drive import AnyLoad
+from jaxshroud.scene.drive import AnyLoad, ComplexLoad
 from jaxshroud.scene.layout import COORDINATES, Layout
 from jaxshroud.scene.modes import ModeNumbers
 from jaxshroud.scene.scene import Scene
@@ -165,6 +165,17 @@ def complex_loads(scene: Scene, drive: AnyLoad) -> Complex[Array, "coordinates"]
     return lax.complex(jnp.where(moves, re, 0.0), jnp.where(moves, im, 0.0))
 
 
+def loads_on_coordinates(scene: Scene, drive: AnyLoad) -> Complex[Array, "coordinates"]:
+    """The complex amplitudes (D,) of the loads of one harmonic on all coordinates, also those on modes themselves."""
+    on_shroud = over_coordinates(complex_loads(scene, drive), shroud_map(scene))
+    if not isinstance(drive, ComplexLoad) or not drive.modal:
+        return on_shroud
+    re, im, _ = (
+        jnp.concatenate(part) for part in zip(*(drive.parts(f"Q{j}") for j in range(scene.coordinates)), strict=True)
+    )
+    return on_shroud + lax.complex(re, im)
+
+
 def mean_loads(scene: Scene) -> Any:
     """The mean loads (..., 3 N) on the coordinates that move."""
     mean = scene.drive.harmonics().get(0)
@@ -184,7 +195,7 @@ def coupled_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Complex[Arr
         diameter h that is [D_h - omega^2 M + i omega C]^-1 F with
         D_h = K + 4 sin^2(pi h / N) K_c + L0 + L1 exp(i 2 pi h / N) + L_1 exp(-i 2 pi h / N).
     """
-    load = complex_loads(scene, drive)
+    load = loads_on_coordinates(scene, drive)
     modes = scene.mode_numbers
     return _of_lumped_blades(scene, omega, load) if modes is None else _of_modes(modes, scene, omega, load)
 
@@ -207,7 +218,7 @@ def _of_modes(modes: ModeNumbers, scene: Scene, omega: Scalar, load: Any) -> Any
         mass, damping, stiffness = free_system(scene)
         shroud: Any = shroud_map(scene).astype(load.dtype)
         dynamic = lax.complex(stiffness - jnp.diag(mass * omega**2), damping * omega)
-        return (shroud @ solved(dynamic, load @ shroud)).reshape(3, count)
+        return (shroud @ solved(dynamic, load)).reshape(3, count)
     shapes = jnp.stack([jnp.stack(shape) for shape in modes.shapes])  # (3, n, blades)
     shapes = shapes * moving_coordinates(scene).reshape(3, 1, -1).astype(shapes.dtype)
     k, c = (jnp.stack(a) for a in (modes.stiffness, modes.damping))
@@ -215,8 +226,7 @@ def _of_modes(modes: ModeNumbers, scene: Scene, omega: Scalar, load: Any) -> Any
     shapes = shapes.astype(of_modes.dtype)
     unbounded = jnp.where(omega == 0, 0.0, jnp.inf).astype(of_modes.dtype)  # a rigid motion has no static place
     receptance = jnp.where(of_modes == 0, unbounded, 1 / jnp.where(of_modes == 0, 1.0, of_modes))
-    H = jnp.einsum("amn,bmn->abn", shapes * receptance, shapes)
-    return jnp.einsum("abn,bn->an", H, load.reshape(3, count))
+    return jnp.einsum("amn,mn->an", shapes, receptance * load.reshape(-1, count))
 
 
 def solved(matrix: Complex[Array, "n n"], right: Complex[Array, " n"]) -> Complex[Array, " n"]:

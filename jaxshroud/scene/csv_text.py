@@ -67,7 +67,7 @@ def csv_rows(path: Path, lines: Iterable[tuple[int, str]], separator: str) -> li
         raise InputError(f"{path}: line {number}: is no CSV ({error}); {cure}") from None
 
 
-HEAD = re.compile(r"\s*(?P<name>\w+)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
+HEAD_OF_NUMBERS = re.compile(r"\s*(?P<name>\w+)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
 SEPARATORS = ",;\t"
 COLUMN_LIMIT = 16_384  # those of spreadsheets
 
@@ -86,7 +86,7 @@ def number_head(cell: str, units: Mapping[str, str], example: str, path: Path) -
     Raises:
         SceneError: It is none; the `example` says what a head is.
     """
-    match = HEAD.fullmatch(cell)
+    match = HEAD_OF_NUMBERS.fullmatch(cell)
     if match is None or match["name"] not in units:
         fail(str(path), f"column {cell.strip()!r} is unknown; the head is of {example}")
     unit = (match["unit"] or "").strip()

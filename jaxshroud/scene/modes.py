@@ -37,6 +37,8 @@ class BladeMode(eqx.Module):
     phi_x: PerBlade = eqx.field(converter=per_blade, default=0.0)  # [kg^-1/2]
     phi_y: PerBlade = eqx.field(converter=per_blade, default=0.0)
     phi_theta: PerBlade = eqx.field(converter=per_blade, default=0.0)  # positive clockwise [rad m^-1 kg^-1/2]
+    q: PerBlade | None = eqx.field(converter=per_blade, default=None)  # where it starts [m kg^1/2]; None: 0
+    v: PerBlade | None = eqx.field(converter=per_blade, default=None)  # its rate there [m kg^1/2 / s]; None: 0
     B: PerBlade | None = eqx.field(converter=per_blade, default=None)  # growth with the speed; None: 0
     kappa: Number | None = eqx.field(converter=scalar, default=None)  # coupling at each interface [1/s^2]; None: 0
 
