@@ -83,6 +83,8 @@ class LumpedBlade(eqx.Module):
         """The motion of the shroud."""
         return z
 
+    watched = shroud
+
     def accelerations(self, z: Motion, Q: Wave, drive: Excitation, R: BladeForces, inverse: InverseMasses) -> Any:
         """The accelerations by Eq. (1), at the wave `Q` of the drive and the forces `R` of contact."""
         a_x = (drive.force("x", Q) + R.x - self.c_x * z.v_x - self.k_x * z.x) * inverse.x
@@ -122,6 +124,19 @@ class LumpedBlade(eqx.Module):
         return kinetic + self.k_x * z.x**2 + self.k_y * z.y**2 + self.k_T * z.theta**2
 
 
+class StressedMotion(NamedTuple):
+    """The motion of a shroud, and the stress at one place of its blade."""
+
+    x: Any
+    y: Any
+    theta: Any
+    v_x: Any
+    v_y: Any
+    v_theta: Any
+    sigma: Any  # [Pa]
+    v_sigma: Any  # [Pa/s]
+
+
 class ModalMotion(NamedTuple):
     """The coordinates of a blade by modes and their rates, a number of each mode."""
 
@@ -136,6 +151,7 @@ class ModalBlade(eqx.Module):
     damping: tuple[Any, ...]  # 2 zeta omega at rest [1/s]
     shapes: tuple[tuple[Any, ...], ...]  # of x, y and theta, a number of each mode; absent where blocks cannot move
     I: Any  # inertia of the shroud against a turn by itself [kg m^2]
+    sigma: tuple[Any, ...]  # stress of a unit of each coordinate; empty without any
 
     def inverse_masses(self, parts: Parts) -> None:
         """Nothing: the masses of modes are 1."""
@@ -144,6 +160,11 @@ class ModalBlade(eqx.Module):
     def shroud(self, z: Any) -> Motion:
         """The motion of the shroud."""
         return Motion._make(dot(shape, numbers) for numbers in (z.q, z.rate) for shape in self.shapes)
+
+    def watched(self, z: Any) -> Any:
+        """The motion of the shroud, with the stress where there is one."""
+        shroud = self.shroud(z)
+        return StressedMotion(*shroud, dot(self.sigma, z.q), dot(self.sigma, z.rate)) if self.sigma else shroud
 
     def accelerations(self, z: Any, Q: Wave, drive: Excitation, R: BladeForces, inverse: None) -> Any:
         """The accelerations of all coordinates, at the wave `Q` of the drive and the forces `R` of contact."""
@@ -209,6 +230,7 @@ def modal_blades_of(modes: ModeNumbers, parts: Parts) -> ModalBlade:
             shape if parts.has(name, 0) else none for name, shape in zip(COORDINATES, modes.shapes, strict=True)
         ),
         I=1 / jnp.where(turn > 0, turn, 1.0),
+        sigma=modes.sigma,
     )
 
 

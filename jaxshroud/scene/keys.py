@@ -232,6 +232,7 @@ MODE_KEYS = {  # of each mode of a blade, by their names in its table [[blades.m
         ),
         blade_key("mode.q", "m kg^0.5", ANY, "q_{%s}(0)", "initial coordinate", 1e-5, default=None),
         blade_key("mode.v", "m kg^0.5 s^-1", ANY, r"\dot q_{%s}(0)", "initial rate", 1e-3, default=None),
+        blade_key("mode.sigma", "Pa m^-1 kg^-0.5", ANY, r"\sigma_{%s}", "stress", 3e9, "stress of a unit of q", None),
         blade_key("mode.B", "", ANY, "B_{%s}", "growth with speed", 1.5, "growth of omega^2, by speed^2", None),
         interface_key(
             "mode.kappa", "1/s^2", ANY, r"\kappa_{%s}", "coupling", 2e4, "coupling with this mode of neighbours", None

@@ -39,6 +39,7 @@ class BladeMode(eqx.Module):
     phi_theta: PerBlade = eqx.field(converter=per_blade, default=0.0)  # positive clockwise [rad m^-1 kg^-1/2]
     q: PerBlade | None = eqx.field(converter=per_blade, default=None)  # where it starts [m kg^1/2]; None: 0
     v: PerBlade | None = eqx.field(converter=per_blade, default=None)  # its rate there [m kg^1/2 / s]; None: 0
+    sigma: PerBlade | None = eqx.field(converter=per_blade, default=None)  # stress of a unit of q; None: 0
     B: PerBlade | None = eqx.field(converter=per_blade, default=None)  # growth with the speed; None: 0
     kappa: Number | None = eqx.field(converter=scalar, default=None)  # coupling at each interface [1/s^2]; None: 0
 
@@ -50,6 +51,7 @@ class ModeNumbers(NamedTuple):
     damping: tuple[Any, ...]  # c_j [1/s]
     shapes: tuple[tuple[Any, ...], ...]  # of x, y and theta, each a number of each mode
     kappa: tuple[Any, ...] = ()  # coupling at each interface [1/s^2]; empty without any
+    sigma: tuple[Any, ...] = ()  # stress of a unit of each coordinate; empty without any
 
     def equivalent(self) -> Blades:
         """The lumped blades that the shroud feels in each coordinate alone: at once as a mass, and slowly as a spring.
@@ -84,6 +86,12 @@ class ModeNumbers(NamedTuple):
         stiffness = map(operator.add, self.stiffness, most)
         numbers = zip(stiffness, self.damping, zip(*self.shapes, strict=True), strict=True)
         return ModalBlades(tuple(_mode_of(k, c, shape) for k, c, shape in numbers))
+
+
+def _of_all(numbers: Sequence[Any]) -> tuple[Any, ...]:
+    """A number of each mode, 0 where it is None; empty where it is of all."""
+    given = [a for a in numbers if a is not None]
+    return tuple(0 * given[0] if a is None else a for a in numbers) if given else ()
 
 
 def _mode_of(k: Any, c: Any, shape: Sequence[Any]) -> BladeMode:
@@ -131,7 +139,6 @@ class ModalBlades(eqx.Module):
             square: The square of the speed [rad^2/s^2]; None: at rest.
         """
         omega = [math.tau * mode.f for mode in self.modes]
-        given = [mode.kappa for mode in self.modes if mode.kappa is not None]
         return ModeNumbers(
             stiffness=tuple(
                 grown(factor * (own * own), None if square is None else mode.B, 1.0, square)
@@ -139,7 +146,8 @@ class ModalBlades(eqx.Module):
             ),
             damping=tuple(2 * mode.zeta * own for own, mode in zip(omega, self.modes, strict=True)),
             shapes=tuple(tuple(getattr(mode, name) for mode in self.modes) for name in SHAPES),
-            kappa=tuple(0 * given[0] if mode.kappa is None else mode.kappa for mode in self.modes) if given else (),
+            kappa=_of_all([mode.kappa for mode in self.modes]),
+            sigma=_of_all([mode.sigma for mode in self.modes]),
         )
 
     def check_moves(self, parts: Parts) -> None:

@@ -286,7 +286,9 @@ def numbers_that_count(scene: Scene) -> tuple[str, ...]:
     unused |= set() if "y" in parts.motion else _UNUSED["y"]
     unused |= set() if "theta" in parts.motion else _UNUSED["theta"] | {*filter(point_key, fields_of(scene))}
     unused |= {key for key in fields_of(scene) if key.rpartition(".phi_")[2] in {"y", "theta"} - {*parts.motion}}
-    unused |= {key for key in fields_of(scene) if key.startswith("blades.modes") and key.endswith((".q", ".v"))}
+    unused |= {
+        key for key in fields_of(scene) if key.startswith("blades.modes") and key.endswith((".q", ".v", ".sigma"))
+    }
     unused |= set() if parts.contact == "smooth" else {"contact.width"}
     unused |= set() if parts.friction != "none" else _UNUSED["friction"]
     unused |= set() if parts.contact != "none" else _UNUSED["contact"] | _UNUSED["friction"]
