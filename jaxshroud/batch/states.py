@@ -11,13 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.cache.programs import is_traced
-from jaxshroud.linear.equilibrium import ContactState
+from jaxshroud.linear.equilibrium import ContactState, with_float64
 from jaxshroud.linear.load_path import start_equilibria
 from jaxshroud.march.event import GuardEvaluation, any_of, first_kind, present
 from jaxshroud.march.events import transition
 from jaxshroud.march.locate import select
 from jaxshroud.model.arithmetic import ZERO, filled, is_unrolled
 from jaxshroud.model.blade import ModalMotion
+from jaxshroud.model.linear_system import shroud_statics
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode, points_last
 from jaxshroud.model.prepared import Model, State, as_pairs
@@ -56,10 +57,14 @@ def static_states(scenes: Scene) -> State:
     single = not np.ndim(scenes.drive.omega)
     lanes = jax.tree.map(lambda a: np.asarray(a)[None], scenes) if single else scenes
     rest = start_equilibria(lanes)
-    at_rest = rest.q.astype(lanes.drive.omega.dtype)
-    x, y, theta = at_rest[0] if single else np.moveaxis(at_rest, 1, 0)
-    still = np.zeros_like(x)
-    state = states_apart(scenes, Motion(x, y, theta, still, still, still))
+    by_shroud = shroud_statics(jax.tree.map(with_float64, lanes))[1]
+    places = rest.q
+    if by_shroud is not None:
+        places = (by_shroud @ rest.q.reshape(len(rest.q), -1, 1)).reshape(len(rest.q), -1, rest.q.shape[-1])
+    at_rest = places.astype(lanes.drive.omega.dtype)
+    q = tuple(at_rest[0] if single else np.moveaxis(at_rest, 1, 0))
+    still = tuple(np.zeros_like(a) for a in q)
+    state = states_apart(scenes, Motion(*q, *still) if by_shroud is None else ModalMotion(q, still))
     is_led = scenes.start == "from rest" and scenes.parts.contact != "none"
     return _in_contact(state, rest.contact) if is_led else state
 

@@ -14,6 +14,7 @@ from jaxtyping import Array, Complex
 
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.coupling import SUFFIXES
+from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.drive import AnyLoad, ComplexLoad
 from jaxshroud.scene.layout import COORDINATES, Layout
 from jaxshroud.scene.modes import ModeNumbers
@@ -70,6 +71,25 @@ def shroud_map(scene: Scene) -> Any:
         for shape, own in zip(modes.shapes, moves, strict=True)
     ]
     return xp.concatenate(rows, axis=-2)
+
+
+def shroud_statics(scene: Scene) -> tuple[Any, Any]:
+    """The stiffness (..., 3 N, 3 N) of shrouds at rest, and all coordinates by their displacements, (..., D, 3 N).
+
+    The numbers of the scene are arrays of NumPy. The map is None where coordinates are those of the shrouds.
+
+    Raises:
+        InputError: A blade is free to move as a whole.
+    """
+    stiffness, shroud = free_system(scene).stiffness, shroud_map(scene)
+    if shroud is None:
+        return stiffness, None
+    try:
+        bent = np.linalg.solve(stiffness, shroud.swapaxes(-1, -2))
+        own = np.linalg.inv(shroud @ bent + np.diag(1.0 - moving_coordinates(scene)))
+    except np.linalg.LinAlgError:
+        raise InputError("Blades with a mode of frequency 0 have no static position; start them in motion.") from None
+    return own, bent @ own
 
 
 def spring_stiffness(k: Any, stretch_q: Any) -> Any:

@@ -250,12 +250,10 @@ class Scene(eqx.Module):
             what = "misprints (`reading`), whose contact has no energy"
         elif self.parts.contact not in (*SPRUNG, "none"):
             what = f'contact = "{self.parts.contact}"'
-        elif isinstance(self.blades, ModalBlades):
-            what = "blades by modes"
+        elif isinstance(self.blades, ModalBlades) and self.parts.contact in SPRUNG[1:]:
+            what = "blades by modes, which start so but have no closed form"
         if what:
-            raise InputError(
-                f"Static starts and closed forms are of located contact of lumped blades so far, not of {what}."
-            )
+            raise InputError(f"Static starts and closed forms are of located contact so far, not of {what}.")
 
     def _check_modes(self, blades: ModalBlades) -> None:
         """Raise an InputError where a scene whose blades are given by modes asks for what these have not."""
