@@ -18,14 +18,13 @@ from jaxshroud.march.events import transition
 from jaxshroud.march.locate import select
 from jaxshroud.model.arithmetic import ZERO, filled, is_unrolled
 from jaxshroud.model.blade import ModalMotion
-from jaxshroud.model.linear_system import shroud_statics
+from jaxshroud.model.linear_system import moving_shapes, shroud_statics
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode, points_last
 from jaxshroud.model.prepared import Model, State, as_pairs
 from jaxshroud.model.row import at_only_interface
 from jaxshroud.scene.checks import InputError, Precision
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.modes import ModalBlades
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.valid import in_precision
@@ -64,7 +63,7 @@ def static_states(scenes: Scene) -> State:
     at_rest = places.astype(lanes.drive.omega.dtype)
     q = tuple(at_rest[0] if single else np.moveaxis(at_rest, 1, 0))
     still = tuple(np.zeros_like(a) for a in q)
-    state = states_apart(scenes, Motion(*q, *still) if by_shroud is None else ModalMotion(q, still))
+    state = states_apart(scenes, Motion._make([*q, *still]) if by_shroud is None else ModalMotion(q, still))
     is_led = scenes.start == "from rest" and scenes.parts.contact != "none"
     return _in_contact(state, rest.contact) if is_led else state
 
@@ -98,10 +97,7 @@ def own_motion(motion: Any, scenes: Scene) -> Any:
     if not is_traced((motion, scenes)):
         motion, scenes = jax.tree.map(np.asarray, (motion, scenes))  # by NumPy: nothing is compiled
     xp = motion.x.__array_namespace__()
-    modes = scenes.mode_numbers
-    assert modes is not None
-    numbers = zip(modes.shapes, COORDINATES, strict=True)
-    shapes = xp.stack([xp.stack(shape) * scenes.parts.has(name, 0) for shape, name in numbers])  # (3, n, ...)
+    shapes = moving_shapes(scenes)
     gram = xp.sum(shapes[:, None] * shapes, axis=2)
     one = xp.eye(3).reshape(3, 3, *(1,) * (gram.ndim - 2))
     a, b, c = xp.where((gram == 0) & (one == 1), 1.0, gram)  # a shape of zeros moves nothing
@@ -183,12 +179,8 @@ def shroud_motion(motion: Any, scenes: Scene) -> Motion:
     if not isinstance(scenes.blades, ModalBlades):
         return motion
 
-    def along(name, shape, numbers):
-        moves = np.array([scenes.parts.has(name, min(i, 1)) for i in range(scenes.layout.blades)])
-        return moves * sum(np.asarray(a) * np.asarray(q) for a, q in zip(shape, numbers, strict=True))
-
-    shapes = list(zip(COORDINATES, scenes.blades.numbers().shapes, strict=True))
-    return Motion._make(along(*shape, numbers) for numbers in (motion.q, motion.rate) for shape in shapes)
+    shapes = moving_shapes(jax.tree.map(np.asarray, scenes))
+    return Motion._make(row for part in motion for row in np.einsum("in...,n...->i...", shapes, np.stack(part)))
 
 
 def modal_motion(modal: np.ndarray) -> ModalMotion:
@@ -237,8 +229,7 @@ def coordinate_sizes(sizes: np.ndarray, scene: Scene) -> np.ndarray:
     """
     if not isinstance(scene.blades, ModalBlades):
         return sizes
-    moves = np.array([[[scene.parts.has(name, 0)]] for name in COORDINATES])
-    shapes = moves * np.array(scene.blades.numbers().shapes, float)  # (3, n, blades)
+    shapes = moving_shapes(jax.tree.map(np.asarray, scene)).astype(float)
     with np.errstate(divide="ignore"):
         reach = np.sqrt(np.sum(np.divide(shapes, sizes.reshape(3, 1, -1), where=shapes != 0, out=0 * shapes) ** 2, 0))
         return np.where(reach > 0, 1 / reach, 1.0).ravel()

@@ -55,9 +55,8 @@ def symmetric(matrix: Any, name: str) -> Any:
         raise InputError(f"{name} has entries that are no finite numbers.")
     lower = tril(a, -1)
     upper = triu(a, 1)
-    for one, other in ((lower, upper), (upper, lower)):
-        if abs(one).sum() > 0 and abs(other).sum() == 0:
-            return csc_array(a + one.T)
+    if min(abs(lower).sum(), abs(upper).sum()) == 0:
+        return csc_array(a + (lower + upper).T)
     if abs(a - a.T).max() > ASYMMETRY * abs(a).max():
         raise InputError(f"{name} is not symmetric, as those of rotating frames or of friction are not.")
     return csc_array((a + a.T) / 2)

@@ -164,7 +164,9 @@ class ModalBlade(eqx.Module):
     def watched(self, z: Any) -> Any:
         """The motion of the shroud, with the stress where there is one."""
         shroud = self.shroud(z)
-        return StressedMotion(*shroud, dot(self.sigma, z.q), dot(self.sigma, z.rate)) if self.sigma else shroud
+        if not self.sigma:
+            return shroud
+        return StressedMotion(**shroud._asdict(), sigma=dot(self.sigma, z.q), v_sigma=dot(self.sigma, z.rate))
 
     def accelerations(self, z: Any, Q: Wave, drive: Excitation, R: BladeForces, inverse: None) -> Any:
         """The accelerations of all coordinates, at the wave `Q` of the drive and the forces `R` of contact."""

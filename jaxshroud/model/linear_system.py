@@ -17,7 +17,7 @@ from jaxshroud.model.coupling import SUFFIXES
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.drive import AnyLoad, ComplexLoad
 from jaxshroud.scene.layout import COORDINATES, Layout
-from jaxshroud.scene.modes import ModeNumbers
+from jaxshroud.scene.modes import ModalBlades, ModeNumbers
 from jaxshroud.scene.scene import Scene
 
 
@@ -58,19 +58,25 @@ def free_system(scene: Scene) -> LinearSystem:
     return LinearSystem(mass, total(damping, "c"), total(stiffness, "k"))
 
 
+def moving_shapes(scene: Scene) -> Any:
+    """The shapes (3, n, ..., blades) of blades by modes at their shrouds; 0 of coordinates that the model has not."""
+    assert isinstance(scene.blades, ModalBlades)
+    shapes = scene.blades.numbers().shapes
+    xp = shapes[0][0].__array_namespace__()
+    shapes = xp.stack([xp.stack(shape) for shape in shapes])
+    moves = moving_coordinates(scene).reshape(3, *(1,) * (shapes.ndim - 2), -1)
+    return shapes * moves.astype(shapes.dtype)
+
+
 def shroud_map(scene: Scene) -> Any:
     """The map (..., 3 N, D) from the coordinates to those of the shrouds; None where they are those."""
-    modes = scene.mode_numbers
-    if modes is None:
+    if scene.mode_numbers is None:
         return None
-    count = scene.layout.blades
-    moves = moving_coordinates(scene).reshape(3, count)
-    xp = modes.stiffness[0].__array_namespace__()
-    rows = [
-        xp.concatenate([(a * own.astype(a.dtype))[..., None] * np.eye(count, dtype=a.dtype) for a in shape], axis=-1)
-        for shape, own in zip(modes.shapes, moves, strict=True)
-    ]
-    return xp.concatenate(rows, axis=-2)
+    shapes = moving_shapes(scene)
+    xp = shapes.__array_namespace__()
+    count = shapes.shape[-1]
+    each = xp.moveaxis(shapes[..., None] * xp.eye(count, dtype=shapes.dtype), (0, 1), (-4, -2))
+    return each.reshape(*each.shape[:-4], 3 * count, -1)
 
 
 def shroud_statics(scene: Scene) -> tuple[Any, Any]:
@@ -81,7 +87,8 @@ def shroud_statics(scene: Scene) -> tuple[Any, Any]:
     Raises:
         InputError: A blade is free to move as a whole.
     """
-    stiffness, shroud = free_system(scene).stiffness, shroud_map(scene)
+    stiffness = free_system(scene).stiffness
+    shroud = shroud_map(scene)
     if shroud is None:
         return stiffness, None
     try:
@@ -239,11 +246,9 @@ def _of_modes(modes: ModeNumbers, scene: Scene, omega: Scalar, load: Any) -> Any
         shroud: Any = shroud_map(scene).astype(load.dtype)
         dynamic = lax.complex(stiffness - jnp.diag(mass * omega**2), damping * omega)
         return (shroud @ solved(dynamic, load)).reshape(3, count)
-    shapes = jnp.stack([jnp.stack(shape) for shape in modes.shapes])  # (3, n, blades)
-    shapes = shapes * moving_coordinates(scene).reshape(3, 1, -1).astype(shapes.dtype)
     k, c = (jnp.stack(a) for a in (modes.stiffness, modes.damping))
     of_modes = lax.complex(k - omega**2, c * omega)
-    shapes = shapes.astype(of_modes.dtype)
+    shapes = moving_shapes(scene).astype(of_modes.dtype)
     unbounded = jnp.where(omega == 0, 0.0, jnp.inf).astype(of_modes.dtype)  # a rigid motion has no static place
     receptance = jnp.where(of_modes == 0, unbounded, 1 / jnp.where(of_modes == 0, 1.0, of_modes))
     return jnp.einsum("amn,mn->an", shapes, receptance * load.reshape(-1, count))

@@ -75,9 +75,8 @@ class ModeNumbers(NamedTuple):
         for name, shape in zip(COORDINATES, self.shapes, strict=True):
             square = np.stack(shape) ** 2
             with np.errstate(divide="ignore", invalid="ignore"):
-                main = np.argmax(np.where(k > 0, square / k, 0.0), axis=0)[None]
-                m, own_c, own_k = (np.take_along_axis(a, main, axis=0)[0] for a in (1 / square, c / square, k / square))
-            found[name] = (m, own_c, own_k)
+                main = np.argmax(np.where(k > 0, square / k, 0.0), axis=0)
+                found[name] = tuple(np.choose(main, a) for a in (1 / square, c / square, k / square))
         return found
 
     def as_blades(self) -> "ModalBlades":
