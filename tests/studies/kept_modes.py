@@ -25,7 +25,7 @@ FORCE, BETA = 40.0, np.radians(30.0)
 SPEEDS = 2 * np.pi * np.array([140.0, 150.0, 200.0, 200.0, 150.0])  # of the drive [rad/s]
 GAPS = np.array([1e-5, 1e-5, 1e-5, 3e-5, 6e-5])
 KEPT = (3, 6, 13)
-STEPS, TRANSIENT = 8000, 100
+STEPS, TRANSIENT = 6000, 80
 
 
 class Beam(NamedTuple):
