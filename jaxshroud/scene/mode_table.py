@@ -109,7 +109,7 @@ def with_frequencies(modes: Sequence[Mapping[str, Any]], where: str) -> list[dic
     return listed
 
 
-def highest_rigid(frequencies: Iterable[float]) -> float:
+def highest_rigid(frequencies: Iterable[float | int]) -> float:
     """The frequency up to which modes with these are rigid motions; -1 where none is."""
     known = sorted(map(abs, frequencies))
-    return max((below for below, above in pairwise(known) if below**2 < RIGID * above**2), default=-1.0)
+    return max((float(below) for below, above in pairwise(known) if below**2 < RIGID * above**2), default=-1.0)
