@@ -70,11 +70,22 @@ def motion_of(n: int) -> tuple[str, ...]:
 class ModalRun(row_reference.RowRun):
     """The run of a row by modes: behind the state of a row are the coordinates of the modes and their rates."""
 
-    def __init__(self, p: row_reference.RowParameters, modes: Modes, rtol: float, kappa: np.ndarray | None = None):
+    def __init__(
+        self,
+        p: row_reference.RowParameters,
+        modes: Modes,
+        rtol: float,
+        kappa: np.ndarray | None = None,
+        own_loads: np.ndarray | float = 0.0,  # (n, N) complex amplitudes on the modes themselves
+        begin: np.ndarray | None = None,  # (2, n, N) coordinates and rates
+    ):
         super().__init__(p, rtol)
+        self.own_loads = own_loads
         self.kappa = np.zeros((len(modes.f), len(p.gap))) if kappa is None else kappa  # (n, interfaces)
         self.modes, self.size = modes, modes.f.size
-        start = np.zeros(2 * self.size)
+        start = np.zeros(2 * self.size) if begin is None else begin.ravel()
+        if begin is not None:
+            self.y[: 6 * p.blades] = np.einsum("ajb,rjb->rab", modes.shapes, begin).ravel()
         size = np.max(self.atol[: p.blades]) / np.max(np.abs(modes.shapes[0]))
         self.y = np.concatenate([self.y, start])
         self.atol = np.concatenate([self.atol, np.repeat([size, size * p.omega], self.size)])
@@ -93,6 +104,7 @@ class ModalRun(row_reference.RowRun):
         load += swing * np.array([F_0 * np.cos(beta), F_0 * np.sin(beta), p.M_0])
         q, rate = y[-2 * self.size :].reshape(2, *modes.f.shape)
         a = np.einsum("ajb,ab->jb", modes.shapes, load) - modes.c * rate - modes.k * q
+        a += np.imag(self.own_loads * np.exp(1j * (p.omega * t + np.array(p.phase))))
         for j in range(len(p.gap)):
             left, right = p.sides(j)
             pull = self.kappa[:, j] * (q[:, right] - q[:, left])
@@ -103,10 +115,10 @@ class ModalRun(row_reference.RowRun):
 
 
 def corner_ends(
-    p: row_reference.RowParameters, modes: Modes, periods: int, kappa: np.ndarray | None = None
+    p: row_reference.RowParameters, modes: Modes, periods: int, kappa: np.ndarray | None = None, **further
 ) -> tuple[np.ndarray, dict] | None:
     """States (periods, 6, N) at the ends of periods from rest, and the counts of events; None where it gives up."""
-    run, found = ModalRun(p, modes, 1e-12, kappa), []
+    run, found = ModalRun(p, modes, 1e-12, kappa, **further), []
     for period in range(1, periods + 1):
         run.advance(period * run.period)
         if run.status != "ok":

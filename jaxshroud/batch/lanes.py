@@ -88,7 +88,7 @@ def lanes_at_start(states: State, model: RowModel, method: Choices, each: EachLa
 def carried_states(states: State, model: RowModel) -> State:
     """States as users have them, lanes first, in the form that compiled loops carry, lanes last."""
     if model.is_pair:
-        return carried_by_blades(state_of_row(jax.vmap(carried_state)(states, model.pair)), model)
+        return state_of_row(jax.vmap(carried_state)(states, model.pair))
     states = lanes_last(states)
     motion = states.motion
     if isinstance(motion, Motion):
@@ -101,13 +101,7 @@ def carried_states(states: State, model: RowModel) -> State:
     u_s, mode = states.u_s, states.mode
     if law.has_points and not isinstance(mode, tuple):
         u_s, mode = (jnp.moveaxis(a, 1, 0) for a in (u_s, mode))  # the axis of points first
-    own = State(motion, law.carried_slider(u_s, mode), law.carried_mode(mode), states.case)
-    return carried_by_blades(own, model)
-
-
-def carried_by_blades(state: State, model: RowModel) -> State:
-    """A state, lanes last, with the motion of the blades' own coordinates in the place of that of their shrouds."""
-    return State(model.blades.carried(state.motion), state.u_s, state.mode, state.case)
+    return State(motion, law.carried_slider(u_s, mode), law.carried_mode(mode), states.case)
 
 
 def stored_energies(state: State, model: RowModel, each: EachLane) -> Float[Array, " lanes"]:

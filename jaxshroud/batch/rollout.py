@@ -16,7 +16,7 @@ from jaxshroud.batch.lanes import lane_models
 from jaxshroud.batch.marches import require_march
 from jaxshroud.batch.periods import march, with_clock_reset
 from jaxshroud.batch.pure_functions import Moment, SampledMoments, sampled_moments
-from jaxshroud.batch.states import initial_states
+from jaxshroud.batch.states import given_states, initial_states
 from jaxshroud.batch.stopped import (
     Admitted,
     admit,
@@ -194,7 +194,7 @@ def _schedule(n_periods: int, every: int | None, method: Method, most_trials: in
 def _in_method_precision(scene: Scene, state: State | None, method: Choices) -> tuple[Scene, State]:
     """The scene and the initial state in the precision of the method."""
     scene = in_precision(scene, method.precision)
-    return scene, initial_states(scene) if state is None else in_precision(state, method.precision)
+    return scene, initial_states(scene) if state is None else given_states(state, scene, method.precision)
 
 
 @typed

@@ -11,29 +11,39 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.cache.programs import is_traced
-from jaxshroud.linear.equilibrium import ContactState
+from jaxshroud.linear.equilibrium import ContactState, with_float64
 from jaxshroud.linear.load_path import start_equilibria
 from jaxshroud.march.event import GuardEvaluation, any_of, first_kind, present
 from jaxshroud.march.events import transition
 from jaxshroud.march.locate import select
 from jaxshroud.model.arithmetic import ZERO, filled, is_unrolled
-from jaxshroud.model.blade import ModalMotion, modal_blades_of
+from jaxshroud.model.blade import ModalMotion
+from jaxshroud.model.linear_system import moving_shapes, shroud_statics
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode, points_last
 from jaxshroud.model.prepared import Model, State, as_pairs
 from jaxshroud.model.row import at_only_interface
-from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.checks import InputError, Precision
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.modes import ModalBlades
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.valid import in_precision
 
 
 def initial_states(scenes: Scene) -> State:
     """The initial state of each scene (leading axis), which needs nothing compiled except for a static start."""
     if scenes.start != "motion":
         return static_states(scenes)
-    return states_apart(scenes, scenes.initial)
+    motion = own_motion(scenes.initial, scenes)
+    if isinstance(scenes.blades, ModalBlades):
+        modes = scenes.blades.modes
+        starts = [mode.q for mode in modes], [mode.v for mode in modes]
+        motion = ModalMotion._make(tuple(map(_plus, *parts)) for parts in zip(motion, starts, strict=True))
+    return states_apart(scenes, motion)
+
+
+def _plus(a: Any, further: Any) -> Any:
+    return a if further is None else a + further
 
 
 def static_states(scenes: Scene) -> State:
@@ -46,10 +56,14 @@ def static_states(scenes: Scene) -> State:
     single = not np.ndim(scenes.drive.omega)
     lanes = jax.tree.map(lambda a: np.asarray(a)[None], scenes) if single else scenes
     rest = start_equilibria(lanes)
-    at_rest = rest.q.astype(lanes.drive.omega.dtype)
-    x, y, theta = at_rest[0] if single else np.moveaxis(at_rest, 1, 0)
-    still = np.zeros_like(x)
-    state = states_apart(scenes, Motion(x, y, theta, still, still, still))
+    by_shroud = shroud_statics(jax.tree.map(with_float64, lanes))[1]
+    places = rest.q
+    if by_shroud is not None:
+        places = (by_shroud @ rest.q.reshape(len(rest.q), -1, 1)).reshape(len(rest.q), -1, rest.q.shape[-1])
+    at_rest = places.astype(lanes.drive.omega.dtype)
+    q = tuple(at_rest[0] if single else np.moveaxis(at_rest, 1, 0))
+    still = tuple(np.zeros_like(a) for a in q)
+    state = states_apart(scenes, Motion._make([*q, *still]) if by_shroud is None else ModalMotion(q, still))
     is_led = scenes.start == "from rest" and scenes.parts.contact != "none"
     return _in_contact(state, rest.contact) if is_led else state
 
@@ -62,11 +76,11 @@ def _in_contact(state: State, contact: ContactState) -> State:
     return State(state.motion, u_s, np.reshape(contact.mode, np.shape(state.mode)), case)
 
 
-def states_apart(scenes: Scene, motion: Motion) -> State:
+def states_apart(scenes: Scene, motion: Any) -> State:
     """The states of scenes (leading axis) with a motion, apart: where blocks overlap, contact begins at once."""
     like = jnp if is_traced(scenes) else np
     one = scenes.friction.mu  # at each interface
-    real = motion.x.dtype
+    real = scenes.drive.omega.dtype
     nothing = like.zeros_like(one, np.int32)
     points = scenes.contact.points
     motion = own_motion(motion, scenes)
@@ -78,14 +92,28 @@ def states_apart(scenes: Scene, motion: Motion) -> State:
 
 def own_motion(motion: Any, scenes: Scene) -> Any:
     """The motion of the blades' own coordinates, of least norm, that moves the shrouds of scenes (leading axis) so."""
-    if not isinstance(scenes.blades, ModalBlades):
+    if isinstance(motion, ModalMotion) or not isinstance(scenes.blades, ModalBlades):
         return motion
     if not is_traced((motion, scenes)):
         motion, scenes = jax.tree.map(np.asarray, (motion, scenes))  # by NumPy: nothing is compiled
-    modes = scenes.mode_numbers
-    assert modes is not None
-    own = modal_blades_of(modes, scenes.parts).carried(motion)
-    return jax.tree.map(lambda a: a.astype(jax.tree.leaves(motion)[0].dtype), own)
+    xp = motion.x.__array_namespace__()
+    shapes = moving_shapes(scenes)
+    gram = xp.sum(shapes[:, None] * shapes, axis=2)
+    one = xp.eye(3).reshape(3, 3, *(1,) * (gram.ndim - 2))
+    a, b, c = xp.where((gram == 0) & (one == 1), 1.0, gram)  # a shape of zeros moves nothing
+    dual = xp.stack([xp.cross(b, c, axis=0), xp.cross(c, a, axis=0), xp.cross(a, b, axis=0)])
+
+    def least(moved: Any) -> tuple[Any, ...]:
+        q = xp.einsum("i...,ij...,jn...->n...", xp.stack(moved), dual / xp.sum(a * dual[0], axis=0), shapes)
+        return tuple(q.astype(motion.x.dtype))
+
+    return ModalMotion(q=least(motion[:3]), rate=least(motion[3:]))
+
+
+def given_states(states: State, scenes: Scene, precision: Precision) -> State:
+    """A user's states in a precision, with the motion of the own coordinates of the blades of scenes."""
+    precise: State = in_precision(states, precision)
+    return State(own_motion(precise.motion, scenes), precise.u_s, precise.mode, precise.case)
 
 
 def carried_state(state: State, model: Model) -> State:
@@ -151,12 +179,8 @@ def shroud_motion(motion: Any, scenes: Scene) -> Motion:
     if not isinstance(scenes.blades, ModalBlades):
         return motion
 
-    def along(name, shape, numbers):
-        moves = np.array([scenes.parts.has(name, min(i, 1)) for i in range(scenes.layout.blades)])
-        return moves * sum(np.asarray(a) * np.asarray(q) for a, q in zip(shape, numbers, strict=True))
-
-    shapes = list(zip(COORDINATES, scenes.blades.numbers().shapes, strict=True))
-    return Motion._make(along(*shape, numbers) for numbers in (motion.q, motion.rate) for shape in shapes)
+    shapes = moving_shapes(jax.tree.map(np.asarray, scenes))
+    return Motion._make(row for part in motion for row in np.einsum("in...,n...->i...", shapes, np.stack(part)))
 
 
 def modal_motion(modal: np.ndarray) -> ModalMotion:
@@ -205,8 +229,7 @@ def coordinate_sizes(sizes: np.ndarray, scene: Scene) -> np.ndarray:
     """
     if not isinstance(scene.blades, ModalBlades):
         return sizes
-    moves = np.array([[[scene.parts.has(name, 0)]] for name in COORDINATES])
-    shapes = moves * np.array(scene.blades.numbers().shapes, float)  # (3, n, blades)
+    shapes = moving_shapes(jax.tree.map(np.asarray, scene)).astype(float)
     with np.errstate(divide="ignore"):
         reach = np.sqrt(np.sum(np.divide(shapes, sizes.reshape(3, 1, -1), where=shapes != 0, out=0 * shapes) ** 2, 0))
         return np.where(reach > 0, 1 / reach, 1.0).ravel()

@@ -13,7 +13,7 @@ from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.marches import require_march
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.batch.pure_functions import SweepPlan, lane_outcomes
-from jaxshroud.batch.states import initial_states
+from jaxshroud.batch.states import given_states, initial_states
 from jaxshroud.batch.stopped import admit, nan_where, replaced_where, status_if_admitted
 from jaxshroud.batch.xla import compiled
 from jaxshroud.march.method import EXPLICIT, Choices, Method, explicit
@@ -93,7 +93,7 @@ def sweep_function(
         require_points("sweep_function", scenes.contact.points)
         require_march(scenes, as_differentiable(plan.method))
         scenes = in_precision(scenes, plan.method.precision)
-        begin = initial_states(scenes) if states is None else in_precision(states, plan.method.precision)
+        begin = initial_states(scenes) if states is None else given_states(states, scenes, plan.method.precision)
         lanes = jax.vmap(lambda scene, state: admit(scene, state, plan.steps, plan.method))(scenes, begin)
         strobe = _run_sweep(lanes.scene, lanes.start, plan, plan.method)
         values = status_if_admitted(strobe.status, lanes.good), lanes.coarseness, nan_where(~lanes.good, strobe.P_0)

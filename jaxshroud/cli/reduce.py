@@ -3,15 +3,14 @@
 import argparse
 import re
 from collections.abc import Sequence
+from inspect import signature
 from pathlib import Path
 
 from jaxshroud.cli.terminal import CommandError, require_free
 from jaxshroud.io.files import place_of, write
+from jaxshroud.scene.csv_text import read_csv_text
 
-SAID_ALIKE = ("n_modes", "units")
-SAID_OF_MATRICES = ("zeta", "residuals", "residual_frequency", "contact_stiffness")
 OTHER_FILES = {"dofs": "a line node.direction for each row", "nodes": "lines node, x, y, z"}
-VECTORS = ("origin", "x_axis", "y_axis")
 
 
 def reduce_command(options: argparse.Namespace) -> None:
@@ -21,24 +20,21 @@ def reduce_command(options: argparse.Namespace) -> None:
 
     require_free(options.out, options.force)
     given = read_model([path for path in (options.stiffness, options.mass, options.damping) if path is not None])
-    if options.dofs is not None:
-        given["dofs"] = read_dofs(options.dofs)
-    if options.nodes is not None:
-        given["nodes"] = read_nodes(options.nodes)
-    for name, what in OTHER_FILES.items():
+    for name, read in {"dofs": read_dofs, "nodes": read_nodes}.items():
+        if (path := getattr(options, name)) is not None:
+            given[name] = read(path)
         if name not in given:
-            raise CommandError(f"{options.stiffness}: has no `{name}`; add --{name} FILE with {what}")
-    given |= {name: getattr(options, name) for name in SAID_ALIKE} | {"shroud": _labels(options.shroud)}
-    given |= {name: vector for name in VECTORS if (vector := getattr(options, name)) is not None}
+            raise CommandError(f"{options.stiffness}: has no `{name}`; add --{name} FILE with {OTHER_FILES[name]}")
     if "phi" in given:
         _require_no_options_of_matrices(options)
-        given = {"zeta": options.zeta, "least_collinearity": options.least_collinearity, **given}
-        blade = reduce_shapes(**given)
-    else:
-        given |= {name: getattr(options, name) for name in SAID_OF_MATRICES} | {"fixed": _labels(options.fixed or "")}
-        if options.at_speed is not None:
-            given |= {"K_at_speed": read_matrix(options.at_speed), "speed": options.speed}
-        blade = reduce(**given)
+    verb = reduce_shapes if "phi" in given else reduce
+    said = {
+        name: value for name, value in vars(options).items() if value is not None and name in signature(verb).parameters
+    }
+    said |= {name: _labels(said[name]) for name in ("shroud", "fixed") if name in said}
+    if options.at_speed is not None:
+        said["K_at_speed"] = read_matrix(options.at_speed)
+    blade = verb(**{**said, **given})
     if options.cyclic is not None:
         rows = read_numbers(options.cyclic)
         blade = blade.in_ring(rows[:, 0], rows[:, 1:], options.blades)
@@ -57,8 +53,5 @@ def _require_no_options_of_matrices(options: argparse.Namespace) -> None:
 def _labels(text: str) -> Sequence[str]:
     """Labels between commas, or those in the lines of a file @FILE."""
     if text.startswith("@"):
-        try:
-            text = Path(text[1:]).read_text("utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise CommandError(f"{text[1:]}: cannot be read as labels ({error})") from None
+        text = read_csv_text(Path(text[1:]), "a text file with labels")
     return [label for label in re.split(r"[,\s]+", text) if label]

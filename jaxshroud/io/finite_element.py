@@ -16,6 +16,7 @@ import re
 import zipfile
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -227,19 +228,16 @@ def _unknowns(labels: Iterable[str], path: Path) -> tuple[str, ...]:
 def read_nodes(path: Path) -> dict[str, FloatArray]:
     """The coordinates of nodes, from lines `node, x, y, z`; other lines, such as keywords, are left out."""
     lines = read_csv_text(path, "a text file with lines node, x, y, z").splitlines()
-    rows = (re.split(r"[,;\s]+", line.strip()) for line in lines)
-    return _nodes((row for row in rows if len(row) >= 4 and _are_numbers(row[1 : 10 if len(row) == 10 else 4])), path)
-
-
-def _are_numbers(cells: Sequence[str]) -> bool:
-    try:
-        return bool(np.isfinite([*map(float, cells)]).all())
-    except ValueError:
-        return False
+    return _nodes((re.split(r"[,;\s]+", line.strip()) for line in lines), path)
 
 
 def _nodes(rows: Iterable[Sequence[str]], path: Path) -> dict[str, FloatArray]:
-    found = {row[0]: np.array([*map(float, row[1 : 10 if len(row) == 10 else 4])]) for row in rows}
+    found = {}
+    for node, *cells in rows:
+        with suppress(ValueError):  # of what is no line of a node
+            numbers = np.array(cells[: 9 if len(cells) == 9 else 3], float)
+            if len(numbers) >= 3 and np.isfinite(numbers).all():
+                found[node] = numbers
     if not found:
         raise InputError(f"{path}: holds no nodes; give lines node, x, y, z")
     return found

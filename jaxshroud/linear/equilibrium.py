@@ -17,9 +17,9 @@ from jaxshroud.linear.resting_contact import RestingContact, resting_contact
 from jaxshroud.model.linear_system import (
     ReducedSystem,
     directions,
-    free_system,
     mean_loads,
     moving_coordinates,
+    shroud_statics,
     solutions,
 )
 from jaxshroud.model.modes import FLAT, Mode
@@ -75,7 +75,7 @@ def springs_of(scenes: Scene) -> Springs:
     """The blades of scenes (leading axis) under their mean loads."""
     arrays: Scene = jax.tree.map(with_float64, scenes)
     return Springs(
-        stiffness=free_system(arrays).stiffness,
+        stiffness=shroud_statics(arrays)[0],
         load=mean_loads(arrays),
         moves=moving_coordinates(arrays),
         closed=arrays.layout.closed,

@@ -23,10 +23,10 @@ from jaxshroud.activity import counted
 from jaxshroud.model.geometry import Corners, contact_kinematics, corners, face_kinematics, pose
 from jaxshroud.model.linear_system import (
     LinearSystem,
-    complex_loads,
     coordinates_that_move,
     directions,
     free_system,
+    loads_on_coordinates,
     over_blades,
     over_coordinates,
     shroud_map,
@@ -151,9 +151,7 @@ def _turning_as_one(shroud: FloatArray) -> FloatArray:
 
 def drive_loads(scene: Scene) -> dict[int, Any]:
     """The complex amplitudes (D,) of the forces and moments on the coordinates, as in Eq. (1), by order n > 0."""
-    shroud = shroud_map(scene)
-    loads = scene.drive.harmonics().items()
-    return {n: over_coordinates(complex_loads(scene, one), shroud) for n, one in loads if n > 0}
+    return {n: loads_on_coordinates(scene, one) for n, one in scene.drive.harmonics().items() if n > 0}
 
 
 def contact_stiffness(blades: LinearContact, contact: NaturalContact) -> Any:

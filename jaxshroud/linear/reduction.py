@@ -7,7 +7,7 @@ modes Phi leave out of the flexibility B' K^-1 B is A = R' K R = B' R; the pair 
 vectors, which are modes like all others: statics at the shroud are exact with them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +24,7 @@ NO_FLEXIBILITY = 1e-12  # of the residual flexibility over the whole: rounding
 NO_MASS = 1e-9  # of residual vectors over the largest, by (omega_highest / omega)^2
 LEAST_ALIKE = 0.9  # modal assurance criterion of a mode at rest and at speed
 FILL_BYTES = 372  # of a factor, times n^(4/3): that of solids, of 31 n^(4/3) numbers with their places
+NOWHERE = (np.nan,) * 3  # the place of a node without coordinates
 RIGID_NAMES = ("x", "y", "z", "turns about x", "turns about y", "turns about z")
 
 
@@ -54,9 +55,8 @@ def symmetric(matrix: Any, name: str) -> Any:
         raise InputError(f"{name} has entries that are no finite numbers.")
     lower = tril(a, -1)
     upper = triu(a, 1)
-    for one, other in ((lower, upper), (upper, lower)):
-        if abs(one).sum() > 0 and abs(other).sum() == 0:
-            return csc_array(a + one.T)
+    if min(abs(lower).sum(), abs(upper).sum()) == 0:
+        return csc_array(a + (lower + upper).T)
     if abs(a - a.T).max() > ASYMMETRY * abs(a).max():
         raise InputError(f"{name} is not symmetric, as those of rotating frames or of friction are not.")
     return csc_array((a + a.T) / 2)
@@ -286,57 +286,57 @@ class ShroudFit(NamedTuple):
 
 
 def rigid_motions(
-    places: FloatArray, along: FloatArray, turns: np.ndarray, origin: FloatArray, axes: FloatArray
-) -> FloatArray:
-    """What rigid motions in a frame make of unknowns, (m, 6).
+    unknowns: Sequence[tuple[str, int]], nodes: Mapping[str, Any], origin: FloatArray, axes: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """What rigid motions in a frame make of unknowns, (m, 6), and the places of these from its origin, (m, 3).
+
+    Unknowns without coordinates, such as amplitudes of modes, do not move and are at NaN.
 
     Args:
-        places: Where the node of each unknown is (m, 3).
-        along: The unit vector along which it moves, or about which it turns, in the model's coordinates (m, 3).
-        turns: Whether it is a turn (m,).
+        unknowns: The node and the direction of each: from 1 to 3 it moves along, from 4 to 6 it turns about its axes.
+        nodes: Coordinates of nodes, perhaps with the x and the y axis of their unknowns, see `reduce`.
         origin: That of the frame.
         axes: The unit vectors of the frame (3, 3), in rows.
     """
+    numbers = [np.asarray(nodes.get(node, NOWHERE), float) for node, _ in unknowns]
+    frames = [frame_of(a[3:6].tolist(), a[6:].tolist()) if len(a) > 3 else np.eye(3) for a in numbers]
+    along = np.array([own[(i - 1) % 3] for own, (_, i) in zip(frames, unknowns, strict=True)])
+    turns = np.array([[i > 3] for _, i in unknowns])
+    arms = np.array([a[:3] for a in numbers]) - origin
     own = along @ axes.T
-    swept = np.sum(np.cross(axes, (places - origin)[:, None]) * along[:, None], axis=-1)
-    return np.where(turns[:, None], np.hstack([0 * own, own]), np.hstack([own, swept]))
+    swept = np.sum(np.cross(axes, arms[:, None]) * along[:, None], axis=-1)
+    moved = np.where(turns, np.hstack([0 * own, own]), np.hstack([own, swept]))
+    return np.where(np.isnan(arms[:, :1]), 0.0, moved), arms
 
 
-def shroud_fit(
-    unknowns: np.ndarray,
-    places: FloatArray,
-    along: FloatArray,
-    turns: np.ndarray,
-    origin: FloatArray,
-    axes: FloatArray,
-) -> ShroudFit:
-    """The fit of the unknowns of a shroud's nodes; the other arguments are those of `rigid_motions`.
+def shroud_fit(unknowns: np.ndarray, rigid: FloatArray, turns: np.ndarray, arms: FloatArray) -> ShroudFit:
+    """The fit of the unknowns of a shroud's nodes.
 
     Turns of nodes count only where displacements do not determine how the shroud moves, as those of one node.
+
+    Args:
+        unknowns: Their places among all (m,).
+        rigid: What rigid motions about the shroud's centre make of them (m, 6).
+        turns: Whether each is a turn (m,).
+        arms: The places of their nodes from that centre (m, 3).
 
     Raises:
         InputError: The nodes do not determine how the shroud moves in its plane.
     """
-    length = float(np.sqrt(np.mean(np.sum((places - origin) ** 2, axis=1)))) or 1.0
-    rigid = rigid_motions(places, along, turns, origin, axes)
-    rigid[:, 3:] /= length
+    length = float(np.sqrt(np.mean(np.sum(arms**2, axis=1)))) or 1.0
+    rigid = rigid / np.repeat([1.0, length], 3)
     weight = np.where(turns, length, 1.0)
     lost: list[str] = []
     for counts in (~turns, turns | True):
-        lost = _untold(weight[counts, None] * rigid[counts])
+        own = weight[counts, None] * rigid[counts]
+        told = np.diag(np.linalg.pinv(own, rtol=1e-9) @ own)[[0, 1, 5]]  # 1 of what they determine
+        lost = [name for name, share in zip(COORDINATES, told, strict=True) if share < 1 - 1e-9]
         if not lost:
             return ShroudFit(unknowns[counts], rigid[counts], weight[counts], length)
     raise InputError(
         f"The nodes of the shroud do not determine its {' and '.join(lost)}: they are too few, or on one line; "
         "name at least three that are not."
     )
-
-
-def _untold(rigid: FloatArray) -> list[str]:
-    """The coordinates of the plane of a shroud that unknowns do not determine."""
-    _, values, motions = np.linalg.svd(np.vstack([rigid, np.zeros((6, 6))]))
-    untold = motions[values < 1e-9 * max(values[0], np.finfo(float).tiny)]
-    return [name for name, i in zip(COORDINATES, (0, 1, 5), strict=True) if np.any(np.abs(untold[:, i]) > 1e-6)]
 
 
 def frame_of(x_axis: Sequence[float], y_axis: Sequence[float]) -> FloatArray:

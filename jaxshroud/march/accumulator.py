@@ -14,7 +14,7 @@ from jaxshroud.model.arithmetic import ZERO, Scalar, Zero, is_zero
 from jaxshroud.model.geometry import is_upper
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model
-from jaxshroud.model.rhs import Displacements, Integrals, Means
+from jaxshroud.model.rhs import Integrals, Means
 from jaxshroud.scene.keys import Motion
 
 EventCount = Int[Array, "..."] | Zero
@@ -127,13 +127,13 @@ class ContactPeaks(NamedTuple):
 
 
 class DisplacementRange(NamedTuple):
-    """The largest and the smallest values of the displacements x, y [m] and theta [rad] so far, between steps too.
+    """The largest and the smallest x, y [m], theta [rad], and stress [Pa] if there is one, so far, between steps too.
 
     A Runge-Kutta step is searched by the cubic through the displacement and its rate at both ends.
     """
 
-    highest: Displacements
-    lowest: Displacements
+    highest: tuple[Any, ...]
+    lowest: tuple[Any, ...]
 
 
 class Impacts(NamedTuple):
@@ -229,6 +229,11 @@ def mean_position(accumulator: Accumulator, end: Motion, period: Any, steps: Any
     return jax.tree.map(lambda total, half: (total - half) / steps, sums, half_position(at(end)))
 
 
-def displacements_of(z: Motion) -> tuple[Any, Any, Any]:
+def watched_of(z: Any) -> tuple[Any, ...]:
+    """The displacements, and the stress of a `StressedMotion`."""
+    return (*displacements_of(z), *z[6:7])
+
+
+def displacements_of(z: Any) -> tuple[Any, Any, Any]:
     """The displacements x, y and theta, of pairs or of rows."""
     return z.x, z.y, z.theta

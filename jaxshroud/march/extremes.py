@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from jaxshroud.march.accumulator import ContactPeaks, DisplacementRange, StepExtrema, displacements_of
+from jaxshroud.march.accumulator import ContactPeaks, DisplacementRange, StepExtrema, displacements_of, watched_of
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.locate import HermiteCubic
 from jaxshroud.march.observable import BladeTrial, InterfaceTrial
@@ -105,14 +105,14 @@ def updated_range(before: DisplacementRange, trial: BladeTrial) -> DisplacementR
     start, z, h = trial.start, trial.end, trial.h
 
     def rates(z):
-        return (z.v_x, z.v_y, z.v_theta)
+        return (z.v_x, z.v_y, z.v_theta, *z[7:])
 
     def within(a: Scalar, b: Scalar, rate_a: Scalar, rate_b: Scalar) -> Extent:
         cubic = HermiteCubic(a, b, rate_a * h, rate_b * h)
         s, turns = turning_point(cubic)
         return extent_of(a, b, where(turns, cubic(s), b))
 
-    ends = displacements_of(start), displacements_of(z), rates(start), rates(z)
+    ends = watched_of(start), watched_of(z), rates(start), rates(z)
     return merged_range(before, range_from(jax.tree.map(within, *ends)))
 
 

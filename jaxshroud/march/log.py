@@ -115,7 +115,7 @@ def _penetration_at(state: State, model: Model) -> Scalar:
 
 def new_log(state: State, at: OfInterfaces, model: RowModel, method: Choices, each: Each) -> Log:
     """The log of a row that starts from `state`; `at` are zeros."""
-    motion = model.blades.shroud(state.motion)
+    motion = model.blades.watched(state.motion)
     v = penetrations(state, model, each)
     contact = Beginning(None, at, v, model.interfaces)
     zero = jax.tree.map(jnp.zeros_like, motion.x)
@@ -142,7 +142,7 @@ def updated_accumulator(
 
 
 def _updated_log(log: Log, trial: AcceptedTrial, model: RowModel, method: Choices, each: Each) -> Log:
-    shroud = model.blades.shroud
+    shroud = model.blades.watched
     observables = observables_of(method)
     start, end, after = shroud(trial.start.motion), shroud(trial.end), shroud(trial.after)
     contact = InterfaceTrial(trial.h, trial.mode, trial.v, trial.mode == Mode.APART)

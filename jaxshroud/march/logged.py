@@ -16,6 +16,7 @@ from jaxshroud.march.accumulator import (
     displacements_of,
     half_position,
     no_events,
+    watched_of,
 )
 from jaxshroud.march.carry import PerLane
 from jaxshroud.march.event import Event
@@ -187,7 +188,7 @@ IMPACTS = Observable(
 
 
 def _range_at(z: Motion) -> DisplacementRange:
-    return DisplacementRange(displacements_of(z), displacements_of(z))
+    return DisplacementRange(watched_of(z), watched_of(z))
 
 
 def _updated_extent(before: DisplacementRange, trial: BladeTrial) -> DisplacementRange:

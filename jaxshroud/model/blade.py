@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax.numpy as jnp
 
 from jaxshroud.model.arithmetic import ZERO, is_zero, summed
 from jaxshroud.model.drive import Excitation, Wave
@@ -82,9 +83,7 @@ class LumpedBlade(eqx.Module):
         """The motion of the shroud."""
         return z
 
-    def carried(self, z: Motion) -> Motion:
-        """The motion of the blade's coordinates that moves its shroud so."""
-        return z
+    watched = shroud
 
     def accelerations(self, z: Motion, Q: Wave, drive: Excitation, R: BladeForces, inverse: InverseMasses) -> Any:
         """The accelerations by Eq. (1), at the wave `Q` of the drive and the forces `R` of contact."""
@@ -111,6 +110,10 @@ class LumpedBlade(eqx.Module):
         del inverse
         return z._replace(theta=theta, v_theta=v_theta)
 
+    def drive_power(self, z: Motion, Q: Wave, drive: Excitation) -> Any:
+        """The power of the drive [W]."""
+        return drive.power(Q, z)
+
     def viscous_power(self, z: Motion) -> Any:
         """The power lost in the dampers [W]."""
         return self.c_x * z.v_x**2 + self.c_y * z.v_y**2 + self.c_T * z.v_theta**2
@@ -119,6 +122,19 @@ class LumpedBlade(eqx.Module):
         """Twice the kinetic energy and the energy of the springs [J]."""
         kinetic = self.m * z.v_x**2 + self.inertia_y * z.v_y**2 + self.I * z.v_theta**2
         return kinetic + self.k_x * z.x**2 + self.k_y * z.y**2 + self.k_T * z.theta**2
+
+
+class StressedMotion(NamedTuple):
+    """The motion of a shroud, and the stress at one place of its blade."""
+
+    x: Any
+    y: Any
+    theta: Any
+    v_x: Any
+    v_y: Any
+    v_theta: Any
+    sigma: Any  # [Pa]
+    v_sigma: Any  # [Pa/s]
 
 
 class ModalMotion(NamedTuple):
@@ -134,8 +150,8 @@ class ModalBlade(eqx.Module):
     stiffness: tuple[Any, ...]  # omega^2 of each mode [1/s^2]
     damping: tuple[Any, ...]  # 2 zeta omega at rest [1/s]
     shapes: tuple[tuple[Any, ...], ...]  # of x, y and theta, a number of each mode; absent where blocks cannot move
-    lift: tuple[tuple[Any, ...], ...]  # likewise: the coordinates of least norm for a displacement of the shroud
     I: Any  # inertia of the shroud against a turn by itself [kg m^2]
+    sigma: tuple[Any, ...]  # stress of a unit of each coordinate; empty without any
 
     def inverse_masses(self, parts: Parts) -> None:
         """Nothing: the masses of modes are 1."""
@@ -145,22 +161,20 @@ class ModalBlade(eqx.Module):
         """The motion of the shroud."""
         return Motion._make(dot(shape, numbers) for numbers in (z.q, z.rate) for shape in self.shapes)
 
-    def carried(self, z: Any) -> Any:
-        """The motion of the blade's coordinates, of least norm, that moves its shroud so."""
-        if isinstance(z, ModalMotion):
-            return z
-        return ModalMotion(q=self._over_modes(self.lift, z[:3]), rate=self._over_modes(self.lift, z[3:]))
+    def watched(self, z: Any) -> Any:
+        """The motion of the shroud, with the stress where there is one."""
+        shroud = self.shroud(z)
+        if not self.sigma:
+            return shroud
+        return StressedMotion(**shroud._asdict(), sigma=dot(self.sigma, z.q), v_sigma=dot(self.sigma, z.rate))
 
     def accelerations(self, z: Any, Q: Wave, drive: Excitation, R: BladeForces, inverse: None) -> Any:
         """The accelerations of all coordinates, at the wave `Q` of the drive and the forces `R` of contact."""
         del inverse
         on_shroud = [drive.force(name, Q) + own for name, own in zip(COORDINATES, R, strict=True)]
-        own = zip(self._over_modes(self.shapes, on_shroud), self.damping, z.rate, self.stiffness, z.q, strict=True)
-        return tuple(force - c * rate - k * q for force, c, rate, k, q in own)
-
-    def _over_modes(self, rows: tuple[tuple[Any, ...], ...], numbers: Sequence[Any]) -> tuple[Any, ...]:
-        """The sums over x, y and theta of their rows times a number of each."""
-        return tuple(summed(a * b for a, b in zip(column, numbers, strict=True)) for column in zip(*rows, strict=True))
+        forces = (dot(column, on_shroud) for column in zip(*self.shapes, strict=True))
+        own = zip(forces, self.damping, z.rate, self.stiffness, z.q, strict=True)
+        return tuple(force + drive.on_mode(j, Q) - c * rate - k * q for j, (force, c, rate, k, q) in enumerate(own))
 
     def rate(self, z: Any, a: tuple[Any, ...]) -> ModalMotion:
         """The rate of a motion with these accelerations."""
@@ -179,6 +193,10 @@ class ModalBlade(eqx.Module):
     def with_turn(self, z: Any, theta: Any, v_theta: Any, inverse: None) -> Any:
         """The motion once an impulsive torque on the shroud gives it this angle and this angular speed."""
         return ModalMotion(self.turned(z.q, theta, inverse), self.turned(z.rate, v_theta, inverse))
+
+    def drive_power(self, z: Any, Q: Wave, drive: Excitation) -> Any:
+        """The power of the drive [W]."""
+        return drive.power(Q, self.shroud(z)) + summed(drive.on_mode(j, Q) * v for j, v in enumerate(z.rate))
 
     def viscous_power(self, z: Any) -> Any:
         """The power lost in the dampers [W]."""
@@ -205,20 +223,16 @@ def blades_of_row(scene: Scene) -> AnyBlade:
 
 def modal_blades_of(modes: ModeNumbers, parts: Parts) -> ModalBlade:
     """Blades by modes, fields (blades,)."""
-    shapes = [shape if parts.has(name, 0) else None for name, shape in zip(COORDINATES, modes.shapes, strict=True)]
     none = (ZERO,) * len(modes.stiffness)
-    moving = [shape for shape in shapes if shape is not None]
-    xp = modes.shapes[0][0].__array_namespace__()
-    still = [xp.where(dot(shape, shape) > 0, 0.0, 1.0) for shape in moving]  # a shape of zeros
-    gram = [[dot(a, b) + (still[i] if i == j else 0.0) for j, b in enumerate(moving)] for i, a in enumerate(moving)]
-    lifts = iter(tuple(dot(row, column) for column in zip(*moving, strict=True)) for row in inverse_of(gram))
     turn = dot(modes.shapes[2], modes.shapes[2])
     return ModalBlade(
         stiffness=modes.stiffness,
         damping=modes.damping,
-        shapes=tuple(none if shape is None else shape for shape in shapes),
-        lift=tuple(none if shape is None else next(lifts) for shape in shapes),
-        I=1 / xp.where(turn > 0, turn, 1.0),
+        shapes=tuple(
+            shape if parts.has(name, 0) else none for name, shape in zip(COORDINATES, modes.shapes, strict=True)
+        ),
+        I=1 / jnp.where(turn > 0, turn, 1.0),
+        sigma=modes.sigma,
     )
 
 
@@ -229,23 +243,7 @@ def pair_by_modes(blades: ModalBlade, parts: Parts) -> ModalBlade:
         left, right = (ZERO, ZERO) if is_zero(pair) else pair
         return left, right if parts.neighbour == "blade" else ZERO
 
-    rows = [tuple(tuple(map(moving, row)) for row in part) for part in (blades.shapes, blades.lift)]
-    return replace(blades, shapes=rows[0], lift=rows[1])
-
-
-def inverse_of(matrix: Sequence[Sequence[Any]]) -> tuple[tuple[Any, ...], ...]:
-    """The inverse of a small symmetric matrix by Gauss-Jordan elimination, without calls of LAPACK."""
-    n = len(matrix)
-    left, right = [list(row) for row in matrix], [[float(i == j) for j in range(n)] for i in range(n)]
-    for i in range(n):
-        pivot = left[i][i]
-        left[i], right[i] = [a / pivot for a in left[i]], [a / pivot for a in right[i]]
-        for j in range(n):
-            if j != i:
-                factor = left[j][i]
-                left[j] = [a - factor * b for a, b in zip(left[j], left[i], strict=True)]
-                right[j] = [a - factor * b for a, b in zip(right[j], right[i], strict=True)]
-    return tuple(map(tuple, right))
+    return replace(blades, shapes=tuple(tuple(map(moving, row)) for row in blades.shapes))
 
 
 def dot(row: Sequence[Any], numbers: Sequence[Any]) -> Any:

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 
-from jaxshroud.model.arithmetic import Scalar, summed
+from jaxshroud.model.arithmetic import ZERO, Scalar, summed
 from jaxshroud.model.series import Series
 from jaxshroud.scene.drive import AnyLoad, ComplexLoad, Drive
 from jaxshroud.scene.keys import Motion
@@ -31,6 +31,11 @@ class HarmonicForce(NamedTuple):
         """The force along x or y [N], or the moment on theta [N m], at a wave."""
         return getattr(self, name) * wave
 
+    def on_mode(self, j: int, wave: Any) -> Any:
+        """The force on a mode itself: there is none."""
+        del j, wave
+        return ZERO
+
     def power(self, wave: Any, z: Motion) -> Any:
         """The power on a motion [W]."""
         return (self.x * z.v_x + self.y * z.v_y + self.theta * z.v_theta) * wave
@@ -50,6 +55,7 @@ class ComplexForce(NamedTuple):
     y_im: Any
     theta_re: Any  # [N m]
     theta_im: Any
+    modal: dict[str, Any]  # `Q0_re` and so on, of modes [N kg^-1/2]
     sin_phase: Any
     cos_phase: Any
 
@@ -61,6 +67,11 @@ class ComplexForce(NamedTuple):
         """The force along x or y [N], or the moment on theta [N m], at a wave."""
         sine, cosine = wave
         return getattr(self, f"{name}_re") * sine + getattr(self, f"{name}_im") * cosine
+
+    def on_mode(self, j: int, wave: Any) -> Any:
+        """The force on a mode itself [N kg^-1/2]."""
+        sine, cosine = wave
+        return self.modal.get(f"Q{j}_re", ZERO) * sine + self.modal.get(f"Q{j}_im", ZERO) * cosine
 
     def power(self, wave: Any, z: Motion) -> Any:
         """The power on a motion [W]."""
@@ -105,6 +116,10 @@ class Excitation(eqx.Module):
         """The force along x or y [N], or the moment on theta [N m], at a wave: a number, or a `Series` if it is one."""
         return summed(one.force(name, w) for one, w in zip(self.harmonics.values(), wave, strict=True))
 
+    def on_mode(self, j: int, wave: Wave) -> Any:
+        """The force on a mode itself [N kg^-1/2]; absent where there is none."""
+        return summed(one.on_mode(j, w) for one, w in zip(self.harmonics.values(), wave, strict=True))
+
     def power(self, wave: Wave, z: Motion) -> Any:
         """The power on a motion [W]."""
         return summed(one.power(w, z) for one, w in zip(self.harmonics.values(), wave, strict=True))
@@ -118,7 +133,7 @@ def excitation(drive: Drive) -> Excitation:
 def _prepared(one: AnyLoad) -> HarmonicForce | ComplexForce:
     """One harmonic, prepared for stepping."""
     if isinstance(one, ComplexLoad):
-        return ComplexForce._make((*one.amplitudes, jnp.sin(one.phase), jnp.cos(one.phase)))
+        return ComplexForce._make((*one[:6], one.modal, jnp.sin(one.phase), jnp.cos(one.phase)))
     return HarmonicForce(one.F_x, one.F_y, one.M_0, jnp.sin(one.phase), jnp.cos(one.phase))
 
 

@@ -14,9 +14,10 @@ from jaxtyping import Array, Complex
 
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.coupling import SUFFIXES
-from jaxshroud.scene.drive import AnyLoad
+from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.drive import AnyLoad, ComplexLoad
 from jaxshroud.scene.layout import COORDINATES, Layout
-from jaxshroud.scene.modes import ModeNumbers
+from jaxshroud.scene.modes import ModalBlades, ModeNumbers
 from jaxshroud.scene.scene import Scene
 
 
@@ -57,19 +58,45 @@ def free_system(scene: Scene) -> LinearSystem:
     return LinearSystem(mass, total(damping, "c"), total(stiffness, "k"))
 
 
+def moving_shapes(scene: Scene) -> Any:
+    """The shapes (3, n, ..., blades) of blades by modes at their shrouds; 0 of coordinates that the model has not."""
+    assert isinstance(scene.blades, ModalBlades)
+    shapes = scene.blades.numbers().shapes
+    xp = shapes[0][0].__array_namespace__()
+    shapes = xp.stack([xp.stack(shape) for shape in shapes])
+    moves = moving_coordinates(scene).reshape(3, *(1,) * (shapes.ndim - 2), -1)
+    return shapes * moves.astype(shapes.dtype)
+
+
 def shroud_map(scene: Scene) -> Any:
     """The map (..., 3 N, D) from the coordinates to those of the shrouds; None where they are those."""
-    modes = scene.mode_numbers
-    if modes is None:
+    if scene.mode_numbers is None:
         return None
-    count = scene.layout.blades
-    moves = moving_coordinates(scene).reshape(3, count)
-    xp = modes.stiffness[0].__array_namespace__()
-    rows = [
-        xp.concatenate([(a * own.astype(a.dtype))[..., None] * np.eye(count, dtype=a.dtype) for a in shape], axis=-1)
-        for shape, own in zip(modes.shapes, moves, strict=True)
-    ]
-    return xp.concatenate(rows, axis=-2)
+    shapes = moving_shapes(scene)
+    xp = shapes.__array_namespace__()
+    count = shapes.shape[-1]
+    each = xp.moveaxis(shapes[..., None] * xp.eye(count, dtype=shapes.dtype), (0, 1), (-4, -2))
+    return each.reshape(*each.shape[:-4], 3 * count, -1)
+
+
+def shroud_statics(scene: Scene) -> tuple[Any, Any]:
+    """The stiffness (..., 3 N, 3 N) of shrouds at rest, and all coordinates by their displacements, (..., D, 3 N).
+
+    The numbers of the scene are arrays of NumPy. The map is None where coordinates are those of the shrouds.
+
+    Raises:
+        InputError: A blade is free to move as a whole.
+    """
+    stiffness = free_system(scene).stiffness
+    shroud = shroud_map(scene)
+    if shroud is None:
+        return stiffness, None
+    try:
+        bent = np.linalg.solve(stiffness, shroud.swapaxes(-1, -2))
+        own = np.linalg.inv(shroud @ bent + np.diag(1.0 - moving_coordinates(scene)))
+    except np.linalg.LinAlgError:
+        raise InputError("Blades with a mode of frequency 0 have no static position; start them in motion.") from None
+    return own, bent @ own
 
 
 def spring_stiffness(k: Any, stretch_q: Any) -> Any:
@@ -165,6 +192,17 @@ def complex_loads(scene: Scene, drive: AnyLoad) -> Complex[Array, "coordinates"]
     return lax.complex(jnp.where(moves, re, 0.0), jnp.where(moves, im, 0.0))
 
 
+def loads_on_coordinates(scene: Scene, drive: AnyLoad) -> Complex[Array, "coordinates"]:
+    """The complex amplitudes (D,) of the loads of one harmonic on all coordinates, also those on modes themselves."""
+    on_shroud = over_coordinates(complex_loads(scene, drive), shroud_map(scene))
+    if not isinstance(drive, ComplexLoad) or not drive.modal:
+        return on_shroud
+    re, im, _ = (
+        jnp.concatenate(part) for part in zip(*(drive.parts(f"Q{j}") for j in range(scene.coordinates)), strict=True)
+    )
+    return on_shroud + lax.complex(re, im)
+
+
 def mean_loads(scene: Scene) -> Any:
     """The mean loads (..., 3 N) on the coordinates that move."""
     mean = scene.drive.harmonics().get(0)
@@ -184,7 +222,7 @@ def coupled_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Complex[Arr
         diameter h that is [D_h - omega^2 M + i omega C]^-1 F with
         D_h = K + 4 sin^2(pi h / N) K_c + L0 + L1 exp(i 2 pi h / N) + L_1 exp(-i 2 pi h / N).
     """
-    load = complex_loads(scene, drive)
+    load = loads_on_coordinates(scene, drive)
     modes = scene.mode_numbers
     return _of_lumped_blades(scene, omega, load) if modes is None else _of_modes(modes, scene, omega, load)
 
@@ -207,16 +245,13 @@ def _of_modes(modes: ModeNumbers, scene: Scene, omega: Scalar, load: Any) -> Any
         mass, damping, stiffness = free_system(scene)
         shroud: Any = shroud_map(scene).astype(load.dtype)
         dynamic = lax.complex(stiffness - jnp.diag(mass * omega**2), damping * omega)
-        return (shroud @ solved(dynamic, load @ shroud)).reshape(3, count)
-    shapes = jnp.stack([jnp.stack(shape) for shape in modes.shapes])  # (3, n, blades)
-    shapes = shapes * moving_coordinates(scene).reshape(3, 1, -1).astype(shapes.dtype)
+        return (shroud @ solved(dynamic, load)).reshape(3, count)
     k, c = (jnp.stack(a) for a in (modes.stiffness, modes.damping))
     of_modes = lax.complex(k - omega**2, c * omega)
-    shapes = shapes.astype(of_modes.dtype)
+    shapes = moving_shapes(scene).astype(of_modes.dtype)
     unbounded = jnp.where(omega == 0, 0.0, jnp.inf).astype(of_modes.dtype)  # a rigid motion has no static place
     receptance = jnp.where(of_modes == 0, unbounded, 1 / jnp.where(of_modes == 0, 1.0, of_modes))
-    H = jnp.einsum("amn,bmn->abn", shapes * receptance, shapes)
-    return jnp.einsum("abn,bn->an", H, load.reshape(3, count))
+    return jnp.einsum("amn,mn->an", shapes, receptance * load.reshape(-1, count))
 
 
 def solved(matrix: Complex[Array, "n n"], right: Complex[Array, " n"]) -> Complex[Array, " n"]:

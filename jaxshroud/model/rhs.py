@@ -166,7 +166,7 @@ def blade_mean_square(x: Any, y: Any, sine: Any, versine: Any, gyration: Scalar,
 
 def blade_works(z: Any, Q: Wave, blade: AnyBlade, drive: Excitation) -> tuple[Scalar, Scalar]:
     """The power of the drive on one blade, and that lost in its dampers [W]; all arguments are its own."""
-    return drive.power(Q, blade.shroud(z)), blade.viscous_power(z)
+    return blade.drive_power(z, Q, drive), blade.viscous_power(z)
 
 
 class StateDerivative(NamedTuple):

@@ -188,6 +188,7 @@ def _row_of_pair(model: Model, scene: Scene) -> RowModel:
 def prepared_row(scene: Scene) -> RowModel:
     """The constants of a row, or of a pair, which is an unrolled one; without an axis of lanes."""
     row = scene.row
+    scene.check_modal_loads()
     if row is None:
         return _row_of_pair(prepared_model(scene), scene)
     pairs = jax.vmap(lambda j: prepared_model(pair_at(scene, j)))(jnp.arange(row.interfaces))

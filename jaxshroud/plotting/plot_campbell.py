@@ -62,8 +62,9 @@ def campbell_page(ds: xr.Dataset, appearance: Appearance) -> Page[CampbellData]:
         ds: A `Campbell` result.
         appearance: The requested appearance.
     """
-    touching = [name for name in FACES if name in ds["contact"].to_numpy()]
-    styles = {"apart": APART, **{name: IN_CONTACT for name in touching[:1]}}
+    drawn = ds["contact"].to_numpy()[np.isfinite(_curves(ds)[1]).any(axis=1)]
+    touching = [name for name in FACES if name in drawn]
+    styles = {**{name: APART for name in ("apart",) if name in drawn}, **dict.fromkeys(touching[:1], IN_CONTACT)}
     content = CampbellData(ds, styles, _top(ds, styles))
     title = fitting_title(str(ds.attrs.get("title", "")), ["drive.omega"])
     return Page(content, CAMPBELL_PANELS, title, (COLUMN_WIDTH, 3.6), finish=_add_campbell_legend)

@@ -1,13 +1,16 @@
 """CSV files that people and other programs write: their columns as texts, errors with their cure."""
 
 import csv
-from collections.abc import Iterable
+import math
+import re
+from collections.abc import Iterable, Mapping
 from io import StringIO
 from itertools import count, islice
 from pathlib import Path
 from typing import NamedTuple
 
-from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.checks import InputError, fail
+from jaxshroud.scene.units import to_si
 from jaxshroud.whole_file import open_regular
 
 AS_UTF8 = 'save the table as "CSV UTF-8"'
@@ -64,8 +67,49 @@ def csv_rows(path: Path, lines: Iterable[tuple[int, str]], separator: str) -> li
         raise InputError(f"{path}: line {number}: is no CSV ({error}); {cure}") from None
 
 
+HEAD_OF_NUMBERS = re.compile(r"\s*(?P<name>\w+)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
 SEPARATORS = ",;\t"
 COLUMN_LIMIT = 16_384  # those of spreadsheets
+
+
+class Head(NamedTuple):
+    """The head of a column of numbers."""
+
+    name: str
+    unit: str  # empty where there is none
+    factor: float  # the SI value of the unit
+
+
+def number_head(cell: str, units: Mapping[str, str], example: str, path: Path) -> Head:
+    """A head such as "angle [deg]", by the SI units of the names that are known.
+
+    Raises:
+        SceneError: It is none; the `example` says what a head is.
+    """
+    match = HEAD_OF_NUMBERS.fullmatch(cell)
+    if match is None or match["name"] not in units:
+        fail(str(path), f"column {cell.strip()!r} is unknown; the head is of {example}")
+    unit = (match["unit"] or "").strip()
+    try:
+        factor = float(to_si(units[match["name"]], f"1 {unit}")) if unit else 1.0
+    except ValueError as error:
+        fail(str(path), f"column {cell.strip()}: its unit {error}")
+    return Head(match["name"], unit, factor)
+
+
+def number_in_cell(cell: str, name: str, row: str, path: Path) -> float:
+    """The number of a cell.
+
+    Raises:
+        SceneError: It is no finite number.
+    """
+    try:
+        number = float(cell)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        fail(str(path), f"{row}: {name} = {cell.strip()} must be a finite number")
+    return number
 
 
 class CsvTable(NamedTuple):

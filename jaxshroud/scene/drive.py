@@ -1,16 +1,16 @@
 """The drive of a scene: its frequency, its force and moment on each blade by harmonics, and their engine order."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 
-from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.checks import InputError, word_argument
 from jaxshroud.scene.fields import PerBlade, per_blade, scalar
-from jaxshroud.scene.keys import ALL_KEYS, COMPLEX_KEYS, OF_HARMONIC, SINGLE_LOADS
+from jaxshroud.scene.keys import ALL_KEYS, COMPLEX_KEYS, MODAL_LOAD_KEYS, OF_HARMONIC, SINGLE_LOADS
 from jaxshroud.scene.laws import Number
 from jaxshroud.scene.valid import check_given, check_numbers
 
@@ -77,11 +77,12 @@ class ComplexLoad(NamedTuple):
     M_re: PerBlade  # [N m]
     M_im: PerBlade
     phase: PerBlade  # [rad]
+    modal: Mapping[str, PerBlade]  # `Q0_re` and so on, of modes of blades [N kg^-1/2]
 
     @property
     def amplitudes(self) -> tuple[Any, ...]:
         """All parts of the amplitudes."""
-        return self[:-1]
+        return *self[:6], *self.modal.values()
 
     @property
     def F_x(self) -> Any:
@@ -103,7 +104,10 @@ class ComplexLoad(NamedTuple):
         return getattr(self, FIELDS_OF_LOADS[name])
 
     def in_phase_and_quadrature(self, name: str) -> tuple[Any, Any]:
-        """The parts of a load that go with the sine and with the cosine of its phase."""
+        """The parts of a load, also `Q0` of a mode, that go with the sine and with the cosine of its phase."""
+        if name not in FIELDS_OF_LOADS:
+            none = 0 * self.phase
+            return self.modal.get(f"{name}_re", none), self.modal.get(f"{name}_im", none)
         stem = FIELDS_OF_LOADS[name].removesuffix("_0")
         return getattr(self, f"{stem}_re"), getattr(self, f"{stem}_im")
 
@@ -159,11 +163,18 @@ class Harmonic(eqx.Module):
         return DriveHarmonic(self.beta, _at_level(level, self.F), _at_level(level, self.M), own)
 
 
+def _modal_loads(loads: Mapping[str, Any]) -> dict[str, Any]:
+    for name in loads:
+        word_argument("modal", name, MODAL_LOAD_KEYS)
+    return {name: per_blade(load) for name, load in loads.items()}
+
+
 class ComplexHarmonic(eqx.Module):
     """One harmonic of a drive by complex amplitudes Q: the imaginary part of Q exp(i n (omega t + phi)).
 
     Forces along x and y and the moment each have a phase of their own: the real part of an amplitude goes with the
-    sine, its imaginary part with the cosine. phi is the phase of the drive itself, of each blade.
+    sine, its imaginary part with the cosine. phi is the phase of the drive itself, of each blade. Loads may act on
+    modes of the blades themselves: `Q2_re` and `Q2_im` of `modal` on mode 2 [N kg^-1/2].
     """
 
     order: int = eqx.field(static=True)  # n, of which the frequency is n omega
@@ -174,16 +185,18 @@ class ComplexHarmonic(eqx.Module):
     M_re: PerBlade = eqx.field(converter=per_blade, default=0.0)  # [N m]
     M_im: PerBlade = eqx.field(converter=per_blade, default=0.0)
     by_engine_order: bool = eqx.field(static=True, default=False)  # whether n follows the engine order of the drive
+    modal: dict[str, PerBlade] = eqx.field(converter=_modal_loads, default_factory=dict)
 
     @property
     def amplitudes(self) -> tuple[Any, ...]:
         """All parts of the amplitudes."""
-        return tuple(getattr(self, name) for name in COMPLEX_KEYS)
+        return (*(getattr(self, name) for name in COMPLEX_KEYS), *self.modal.values())
 
     def under(self, phase: Any, level: Any) -> ComplexLoad:
         """The force and the moment under the phase and the level of the drive, by NumPy or JAX."""
         loads = {name: _at_level(level, getattr(self, name)) for name in COMPLEX_KEYS}
-        return ComplexLoad(**loads, phase=phase if self.order == 1 else self.order * phase)
+        modal = {name: _at_level(level, load) for name, load in self.modal.items()}
+        return ComplexLoad(**loads, phase=phase if self.order == 1 else self.order * phase, modal=modal)
 
 
 def _at_level(level: Any, load: Any) -> Any:
@@ -241,12 +254,12 @@ class Drive(eqx.Module):
 
     def of_harmonics(self) -> dict[str, Any]:
         """The numbers of the harmonics by their names, such as `harmonic[1].F`, without those that are None."""
-        named = {
-            f"harmonic[{i}].{name}": getattr(one, name, None)
+        return {
+            f"harmonic[{i}].{name}": value
             for i, one in enumerate(self.harmonic or ())
-            for name in OF_HARMONIC
+            for name, value in {**vars(one), **getattr(one, "modal", {})}.items()
+            if name in OF_HARMONIC and value is not None
         }
-        return {name: value for name, value in named.items() if value is not None}
 
     def harmonics(self) -> Harmonics:
         """The force and the moment by the order n of their frequency n omega. Their numbers are fields of the drive."""

@@ -198,7 +198,21 @@ COMPLEX_KEYS = {  # of a harmonic by complex amplitudes, in the place of these: 
     )
     for part, part_of_wave in (("re", "with the sine"), ("im", "with the cosine"))
 }
-OF_HARMONIC = {**HARMONIC_KEYS, **COMPLEX_KEYS}
+MODAL_LOAD_KEYS = {  # likewise: what acts on a mode of the blades itself
+    f"Q{j}_{part}": blade_key(
+        f"harmonic.Q{j}_{part}",
+        "N kg^-0.5",
+        ANY,
+        rf"\mathrm{{{part.title()}}}\,Q_{{{j},%s}}",
+        f"load of mode {j}",
+        5.0,
+        f"load of mode {j} with the {wave}",
+        None,
+    )
+    for j in range(MAX_MODES)
+    for part, wave in (("re", "sine"), ("im", "cosine"))
+}
+OF_HARMONIC = {**HARMONIC_KEYS, **COMPLEX_KEYS, **MODAL_LOAD_KEYS}
 MODE_KEYS = {  # of each mode of a blade, by their names in its table [[blades.modes]]
     row.parts[1]: row
     for row in (
@@ -216,6 +230,9 @@ MODE_KEYS = {  # of each mode of a blade, by their names in its table [[blades.m
             "turn of the shroud, positive clockwise",
             0.0,
         ),
+        blade_key("mode.q", "m kg^0.5", ANY, "q_{%s}(0)", "initial coordinate", 1e-5, default=None),
+        blade_key("mode.v", "m kg^0.5 s^-1", ANY, r"\dot q_{%s}(0)", "initial rate", 1e-3, default=None),
+        blade_key("mode.sigma", "Pa m^-1 kg^-0.5", ANY, r"\sigma_{%s}", "stress", 3e9, "stress of a unit of q", None),
         blade_key("mode.B", "", ANY, "B_{%s}", "growth with speed", 1.5, "growth of omega^2, by speed^2", None),
         interface_key(
             "mode.kappa", "1/s^2", ANY, r"\kappa_{%s}", "coupling", 2e4, "coupling with this mode of neighbours", None

@@ -4,7 +4,6 @@
 angle and one load are needed, and `harmonics = 3` says how many are fitted. Its mean is the mean load.
 """
 
-import re
 from collections.abc import Collection
 from io import StringIO
 from pathlib import Path
@@ -13,14 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxshroud.scene.checks import InputError, SceneError, fail, toml_text
-from jaxshroud.scene.csv_text import csv_rows, read_csv_text
+from jaxshroud.scene.csv_text import csv_rows, number_head, number_in_cell, read_csv_text
 from jaxshroud.scene.keys import MAX_ORDER
 from jaxshroud.scene.typed import FloatArray
-from jaxshroud.scene.units import to_si
 
 UNITS_OF_LOADS = {"angle": "rad", "F_x": "N", "F_y": "N", "M": "N m"}  # of the columns
 INSTEAD = ("beta", "F_0", "M_0", "F_x_mean", "F_y_mean", "M_mean")  # what a table stands for
-HEAD_OF_LOAD = re.compile(r"\s*(?P<name>\w+)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
 EXAMPLE_OF_HEAD = "angle [deg], F_x [N], F_y [N], M [N m]"
 SAME_ANGLE = 1e-9  # [rad] within which two angles are one
 LARGEST_CONDITION = 30.0  # of the fit: where angles leave a part of the period out, loads there would be invented
@@ -126,38 +123,17 @@ def _columns_of_loads(path: Path) -> dict[str, FloatArray]:
     except InputError as error:
         raise SceneError(str(error)) from None
     rows = [row for _, row in lines if any(cell.strip() for cell in row)]
-    heads = [_load_and_unit(cell, path) for cell in rows[0]] if rows else []
-    names = [name for name, _ in heads]
+    heads = [number_head(cell, UNITS_OF_LOADS, EXAMPLE_OF_HEAD, path) for cell in rows[0]] if rows else []
+    names = [head.name for head in heads]
+    if bare := next((head.name for head in heads if not head.unit), ""):
+        fail(str(path), f"column {bare} has no unit; write such as {EXAMPLE_OF_HEAD}")
     if "angle" not in names or len(names) < 2 or len(set(names)) < len(names):
         fail(str(path), f"needs a head with the angle and a load, each once, such as {EXAMPLE_OF_HEAD}")
     if ragged := next((i for i, row in enumerate(rows[1:], 2) if len(row) != len(heads)), None):
         fail(str(path), f"row {ragged} has {len(rows[ragged - 1])} cells, but there are {len(heads)} columns")
     cells = zip(*rows[1:], strict=True) if len(rows) > 1 else ([] for _ in heads)
     return {
-        name: np.array([_load_in_cell(cell, name, i, path) for i, cell in enumerate(column, 2)]) * factor
-        for (name, factor), column in zip(heads, cells, strict=True)
+        head.name: np.array([number_in_cell(cell, head.name, f"row {i}", path) for i, cell in enumerate(column, 2)])
+        * head.factor
+        for head, column in zip(heads, cells, strict=True)
     }
-
-
-def _load_and_unit(cell: str, path: Path) -> tuple[str, float]:
-    """The name of a column, and the SI value of its unit."""
-    match = HEAD_OF_LOAD.fullmatch(cell)
-    if match is None or match["name"] not in UNITS_OF_LOADS:
-        fail(str(path), f"column {cell.strip()!r} is unknown; the head is of {EXAMPLE_OF_HEAD}")
-    if not match["unit"]:
-        fail(str(path), f"column {match['name']} has no unit; write such as {EXAMPLE_OF_HEAD}")
-    try:
-        return match["name"], float(to_si(UNITS_OF_LOADS[match["name"]], f"1 {match['unit']}"))
-    except ValueError as error:
-        fail(str(path), f"column {cell.strip()}: its unit {error}")
-
-
-def _load_in_cell(cell: str, name: str, row: int, path: Path) -> float:
-    """The number of a cell."""
-    try:
-        number = float(cell)
-    except ValueError:
-        number = float("nan")
-    if not np.isfinite(number):
-        fail(str(path), f"row {row}: {name} = {cell.strip()} must be a finite number")
-    return number

@@ -5,26 +5,23 @@ phi_y, phi_theta`; in the place of f there may be omega2, its circular square. B
 """
 
 import math
-import re
-from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise, zip_longest
 from pathlib import Path
 from typing import Any
 
 from jaxshroud.scene.checks import InputError, SceneError, fail, toml_text
-from jaxshroud.scene.csv_text import read_csv
+from jaxshroud.scene.csv_text import number_head, number_in_cell, read_csv
 from jaxshroud.scene.keys import MAX_MODES, MODE_ENTRY, MODE_KEYS
 from jaxshroud.scene.nested_tables import list_entries
 from jaxshroud.scene.optional import split_list
 from jaxshroud.scene.typed import is_number
-from jaxshroud.scene.units import to_si
 
 SQUARE = "omega2"  # [rad^2/s^2], in the place of f
 UNITS_OF_MODES = {name: key.unit for name, key in MODE_KEYS.items()} | {SQUARE: "rad^2/s^2"}
 KIND = "kind"  # "residual" of what is no mode, whose frequency does not make others rigid
-NOTES = (KIND, "misfit", "unseen")  # columns that `reduce` writes beside the numbers
-HEAD_OF_MODE = re.compile(r"\s*(?P<name>\w+)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
-EXAMPLE_OF_MODES = "f [Hz], zeta, phi_x, phi_y, phi_theta"
+NOTES = ("misfit", "unseen")  # columns that `reduce` writes beside the numbers
+EXAMPLE_OF_MODES = "f [Hz], zeta, phi_x, phi_y, phi_theta, omega2 and B"
 RIGID = 1e-6  # of the square of a frequency over that of the next mode, below which it is 0
 
 
@@ -73,31 +70,16 @@ def modes_in_csv(path: Path) -> list[dict[str, Any]]:
         raise SceneError(str(error).replace("has no designs", "has no modes")) from None
     for row, fault in table.faults.items():
         fail(str(path), f"mode [{row}]: {fault}")
-    columns = {}
-    for head, cells in table.columns.items():
-        match = HEAD_OF_MODE.fullmatch(head)
-        if match is None or match["name"] not in (*UNITS_OF_MODES, *NOTES):
-            fail(str(path), f"column {head.strip()!r} is unknown; the head is of {EXAMPLE_OF_MODES}, omega2 and B")
-        if match["name"] == KIND:
-            columns[KIND] = [cell.strip() for cell in cells]
-        elif match["name"] not in NOTES:
-            columns[match["name"]] = [_number_in(cell, match, i, path) for i, cell in enumerate(cells)]
-    rows = zip(*columns.values(), strict=True)
+    columns: dict[str, list[Any]] = {KIND: [cell.strip() for cell in table.columns.pop(KIND, [])]}
+    for text, cells in table.columns.items():
+        if text.strip() not in NOTES:
+            head = number_head(text, UNITS_OF_MODES, EXAMPLE_OF_MODES, path)
+            columns[head.name] = [
+                number_in_cell(cell, head.name, f"mode [{i}]", path) * head.factor if cell.strip() else None
+                for i, cell in enumerate(cells)
+            ]
+    rows = zip_longest(*columns.values())
     return [{name: value for name, value in zip(columns, row, strict=True) if value is not None} for row in rows]
-
-
-def _number_in(cell: str, head: re.Match, row: int, path: Path) -> float | None:
-    """The number of a cell in SI units; None for an empty one."""
-    if not cell.strip():
-        return None
-    name, unit = head["name"], (head["unit"] or "").strip()
-    try:
-        value = to_si(UNITS_OF_MODES[name], f"{cell.strip()} {unit}") if unit else float(cell)
-    except ValueError as error:
-        fail(str(path), f"mode [{row}]: {name} = {cell.strip()} {error}")
-    if not math.isfinite(value):
-        fail(str(path), f"mode [{row}]: {name} = {cell.strip()} must be a finite number")
-    return float(value)
 
 
 def with_frequencies(modes: Sequence[Mapping[str, Any]], where: str) -> list[dict[str, Any]]:
@@ -116,13 +98,18 @@ def with_frequencies(modes: Sequence[Mapping[str, Any]], where: str) -> list[dic
             if not is_number(square):
                 fail(where, f"modes[{j}].{SQUARE} = {toml_text(square)} must be a number in rad^2/s^2")
             mode["f"] = math.copysign(math.sqrt(abs(square)), square) / math.tau
-    known = sorted(abs(mode["f"]) for mode in own if is_number(mode.get("f")))
-    gaps = [below for below, above in pairwise(known) if below**2 < RIGID * above**2]
+    rigid = highest_rigid([mode["f"] for mode in own if is_number(mode.get("f"))])
     for j, mode in enumerate(listed):
         if not is_number(mode.get("f")):
             continue
-        if gaps and abs(mode["f"]) <= gaps[-1]:
+        if abs(mode["f"]) <= rigid:
             mode["f"] = 0.0
         if mode["f"] < 0:
             fail(where, f"modes[{j}] has a negative omega^2: its blade is unstable, or the stiffness has a wrong sign")
     return listed
+
+
+def highest_rigid(frequencies: Iterable[float | int]) -> float:
+    """The frequency up to which modes with these are rigid motions; -1 where none is."""
+    known = sorted(map(abs, frequencies))
+    return max((float(below) for below, above in pairwise(known) if below**2 < RIGID * above**2), default=-1.0)

@@ -37,6 +37,9 @@ class BladeMode(eqx.Module):
     phi_x: PerBlade = eqx.field(converter=per_blade, default=0.0)  # [kg^-1/2]
     phi_y: PerBlade = eqx.field(converter=per_blade, default=0.0)
     phi_theta: PerBlade = eqx.field(converter=per_blade, default=0.0)  # positive clockwise [rad m^-1 kg^-1/2]
+    q: PerBlade | None = eqx.field(converter=per_blade, default=None)  # where it starts [m kg^1/2]; None: 0
+    v: PerBlade | None = eqx.field(converter=per_blade, default=None)  # its rate there [m kg^1/2 / s]; None: 0
+    sigma: PerBlade | None = eqx.field(converter=per_blade, default=None)  # stress of a unit of q; None: 0
     B: PerBlade | None = eqx.field(converter=per_blade, default=None)  # growth with the speed; None: 0
     kappa: Number | None = eqx.field(converter=scalar, default=None)  # coupling at each interface [1/s^2]; None: 0
 
@@ -48,36 +51,21 @@ class ModeNumbers(NamedTuple):
     damping: tuple[Any, ...]  # c_j [1/s]
     shapes: tuple[tuple[Any, ...], ...]  # of x, y and theta, each a number of each mode
     kappa: tuple[Any, ...] = ()  # coupling at each interface [1/s^2]; empty without any
+    sigma: tuple[Any, ...] = ()  # stress of a unit of each coordinate; empty without any
 
     def equivalent(self) -> Blades:
         """The lumped blades that the shroud feels in each coordinate alone: at once as a mass, and slowly as a spring.
 
         They set scales, of energy, of gamma and of steps; where the shroud does not move they are 1.
         """
-        inverse = [sum(a * a for a in shape) for shape in self.shapes]
-        moves = [a > 0 for a in inverse]
         xp = self.stiffness[0].__array_namespace__()
-
-        def reciprocal(a: Any, where: Any) -> Any:
-            return xp.where(where, 1 / xp.where(where, a, 1.0), 1.0)
-
-        mass = [reciprocal(a, m) for a, m in zip(inverse, moves, strict=True)]
-        stiff = [xp.where(k > 0, k, math.inf) for k in self.stiffness]  # a rigid motion bends nothing
-        soft = [sum(a * a / k for a, k in zip(shape, stiff, strict=True)) for shape in self.shapes]
-        spring = [reciprocal(a, a > 0) for a in soft]
-        lost = [sum(a * a * c for a, c in zip(shape, self.damping, strict=True)) for shape in self.shapes]
-        damping = [a * m**2 for a, m in zip(lost, mass, strict=True)]
-        return Blades(
-            m=mass[0],
-            m_y=mass[1],
-            I=mass[2],
-            k_x=spring[0],
-            k_y=spring[1],
-            k_T=spring[2],
-            c_x=damping[0],
-            c_y=damping[1],
-            c_T=damping[2],
-        )
+        square = xp.stack([xp.stack(shape) for shape in self.shapes]) ** 2
+        k = xp.stack(self.stiffness)
+        soft = square / xp.where(k > 0, k, math.inf)  # a rigid motion bends nothing
+        mass, spring = (1 / xp.where(a > 0, a, 1.0) for a in (xp.sum(square, axis=1), xp.sum(soft, axis=1)))
+        damping = mass**2 * xp.sum(square * xp.stack(self.damping), axis=1)
+        names = ("m", "m_y", "I", "k_x", "k_y", "k_T", "c_x", "c_y", "c_T")
+        return Blades(**dict(zip(names, (*mass, *spring, *damping), strict=True)))
 
     @property
     def main_oscillators(self) -> dict[str, tuple[Any, Any, Any]]:
@@ -87,9 +75,8 @@ class ModeNumbers(NamedTuple):
         for name, shape in zip(COORDINATES, self.shapes, strict=True):
             square = np.stack(shape) ** 2
             with np.errstate(divide="ignore", invalid="ignore"):
-                main = np.argmax(np.where(k > 0, square / k, 0.0), axis=0)[None]
-                m, own_c, own_k = (np.take_along_axis(a, main, axis=0)[0] for a in (1 / square, c / square, k / square))
-            found[name] = (m, own_c, own_k)
+                main = np.argmax(np.where(k > 0, square / k, 0.0), axis=0)
+                found[name] = tuple(np.choose(main, a) for a in (1 / square, c / square, k / square))
         return found
 
     def as_blades(self) -> "ModalBlades":
@@ -98,6 +85,12 @@ class ModeNumbers(NamedTuple):
         stiffness = map(operator.add, self.stiffness, most)
         numbers = zip(stiffness, self.damping, zip(*self.shapes, strict=True), strict=True)
         return ModalBlades(tuple(_mode_of(k, c, shape) for k, c, shape in numbers))
+
+
+def _of_all(numbers: Sequence[Any]) -> tuple[Any, ...]:
+    """A number of each mode, 0 where it is None; empty where it is of all."""
+    given = [a for a in numbers if a is not None]
+    return tuple(0 * given[0] if a is None else a for a in numbers) if given else ()
 
 
 def _mode_of(k: Any, c: Any, shape: Sequence[Any]) -> BladeMode:
@@ -145,7 +138,6 @@ class ModalBlades(eqx.Module):
             square: The square of the speed [rad^2/s^2]; None: at rest.
         """
         omega = [math.tau * mode.f for mode in self.modes]
-        given = [mode.kappa for mode in self.modes if mode.kappa is not None]
         return ModeNumbers(
             stiffness=tuple(
                 grown(factor * (own * own), None if square is None else mode.B, 1.0, square)
@@ -153,7 +145,8 @@ class ModalBlades(eqx.Module):
             ),
             damping=tuple(2 * mode.zeta * own for own, mode in zip(omega, self.modes, strict=True)),
             shapes=tuple(tuple(getattr(mode, name) for mode in self.modes) for name in SHAPES),
-            kappa=tuple(0 * given[0] if mode.kappa is None else mode.kappa for mode in self.modes) if given else (),
+            kappa=_of_all([mode.kappa for mode in self.modes]),
+            sigma=_of_all([mode.sigma for mode in self.modes]),
         )
 
     def check_moves(self, parts: Parts) -> None:
@@ -221,10 +214,12 @@ def modal_blades(
 
     def each(a: Any) -> np.ndarray:
         a = np.asarray(a, float)
-        own = a[..., None] if a.ndim == 1 else a
-        if own.ndim > 2 or any(n not in (1, whole) for n, whole in zip(own.shape[::-1], shape[::-1], strict=False)):
-            raise InputError(f"Arrays of {shape[0]} modes of {blades} blades have other shapes, not {a.shape}.")
-        return np.broadcast_to(own, shape)
+        try:
+            return np.broadcast_to(a[:, None] if a.ndim == 1 else a, shape)
+        except ValueError:
+            raise InputError(
+                f"Arrays of {shape[0]} modes of {blades} blades have other shapes, not {a.shape}."
+            ) from None
 
     rows = np.asarray(phi, float)
     if rows.ndim not in (2, 3) or len(rows) != len(SHAPES):

@@ -10,6 +10,8 @@ from jaxshroud.scene.keys import (
     ALL_KEYS,
     COMPLEX_KEYS,
     HARMONIC_ENTRY,
+    HARMONIC_KEYS,
+    MODAL_LOAD_KEYS,
     MODE_ENTRY,
     POINT_ENTRY,
     SINGLE_LOADS,
@@ -50,7 +52,7 @@ def harmonic_forms(entries: Iterable[str]) -> tuple[HarmonicForm, ...]:
     entries = set(entries)
     forms = []
     for i in range(harmonic_count(entries)):
-        is_complex = any(f"harmonic[{i}].{name}" in entries for name in COMPLEX_KEYS)
+        is_complex = any(f"harmonic[{i}].{name}" in entries for name in (*COMPLEX_KEYS, *MODAL_LOAD_KEYS))
         order = "engine_order" if f"harmonic[{i}].engine_order" in entries else "order"
         forms.append(HarmonicForm(is_complex=is_complex, order=order))
     return tuple(forms)
@@ -102,9 +104,13 @@ def _absence(name: str, present: Collection[str]) -> str:
     if match is not None and int(match["index"]) >= count:
         has = f"{_in_words(count)}, numbered from 0" if count else "no list of harmonics"
         return f"the scene has no {name}: its drive has {has}; add a table {A_HARMONIC}"
-    if match is not None and (match["name"] in COMPLEX_KEYS or harmonic_forms(entries)[int(match["index"])].is_complex):
-        other = "F_x_re and its like" if match["name"] not in COMPLEX_KEYS else "F, beta, M and phase"
-        return f"the scene has no {name}: its harmonic [{match['index']}] is given by {other}; name these"
+    if match is not None:
+        is_complex = harmonic_forms(entries)[int(match["index"])].is_complex
+        if is_complex and match["name"] in MODAL_LOAD_KEYS:
+            return f"the scene has no {name}: no load of its harmonic [{match['index']}] acts on that mode; give one"
+        if is_complex == (match["name"] in HARMONIC_KEYS):
+            other = "F_x_re and its like" if is_complex else "F, beta, M and phase"
+            return f"the scene has no {name}: its harmonic [{match['index']}] is given by {other}; name these"
     if entry in SINGLE_LOADS and count:
         one = f"drive.harmonic[0].{entry.removesuffix('_0')}"
         many = "" if entry == "beta" else "drive.level for all of them, or "
@@ -136,4 +142,5 @@ def standing_for(name: str, numbers: Mapping[str, Any]) -> Any:
         row = ALL_KEYS[name]
         like = "drive.phase" if row.pair else "shroud.gap" if row.per_interface else "drive.omega"
         return WITHOUT_EFFECT[name] + 0 * numbers[like]
-    return 0 * numbers[name.replace(".phase", ".F").replace(".B", ".f")]  # of a harmonic, or of a mode
+    stem, _, entry = name.rpartition(".")
+    return 0 * numbers[f"{stem}.{'F' if entry == 'phase' else 'f'}"]  # of a harmonic, or of a mode

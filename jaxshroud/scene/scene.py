@@ -250,21 +250,28 @@ class Scene(eqx.Module):
             what = "misprints (`reading`), whose contact has no energy"
         elif self.parts.contact not in (*SPRUNG, "none"):
             what = f'contact = "{self.parts.contact}"'
-        elif isinstance(self.blades, ModalBlades):
-            what = "blades by modes"
+        elif isinstance(self.blades, ModalBlades) and self.parts.contact in SPRUNG[1:]:
+            what = "blades by modes, which start so but have no closed form"
         if what:
-            raise InputError(
-                f"Static starts and closed forms are of located contact of lumped blades so far, not of {what}."
-            )
+            raise InputError(f"Static starts and closed forms are of located contact so far, not of {what}.")
 
     def _check_modes(self, blades: ModalBlades) -> None:
         """Raise an InputError where a scene whose blades are given by modes asks for what these have not."""
         blades.check_moves(self.parts)
+        self.check_modal_loads()
         if blades.numbers().kappa and self.parts.neighbour != "blade":
             raise InputError("Modes are coupled, by `kappa`, with those of a blade, not with a rigid neighbour.")
         if self.contact.reading or self.parts.contact == "none":
             other = "misprints (`reading`)" if self.contact.reading else 'contact = "none"; give a large shroud.gap'
             raise InputError(f"Blades by modes do not go with {other}.")
+
+    def check_modal_loads(self) -> None:
+        """Raise an InputError unless the blades have the modes on which the drive acts."""
+        count = len(self.blades.modes) if isinstance(self.blades, ModalBlades) else 0
+        for one in self.drive.harmonic or ():
+            for name in getattr(one, "modal", ()):
+                if int(name[1:-3]) >= count or self.parts.neighbour != "blade":
+                    raise InputError(f"`{name}` acts on a mode of each blade, but these have {count}, or one is rigid.")
 
     def _check_shapes(self) -> None:
         for key, value in self._named_numbers().items():

@@ -7,6 +7,7 @@ Pydantic checks the structure; the numbers are those of `keys`, the words those 
 # The types are made from the table of keys, which pyright cannot follow.
 from collections.abc import Collection, Sequence
 from functools import lru_cache, partial
+from itertools import islice
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -46,6 +47,7 @@ from jaxshroud.scene.keys import (
     MAX_BLADES,
     MAX_ORDER,
     MIN_BLADES,
+    MODAL_LOAD_KEYS,
     MODE_KEYS,
     ROW_KEYS,
     SINGLE_LOADS,
@@ -152,11 +154,12 @@ def _blades_table(layout: Layout, modes: int) -> type[Table]:
     return create_model("BladesTable", __base__=Table, **_fields(rows, layout))
 
 
-def _drive_table(layout: Layout, harmonics: tuple[HarmonicForm, ...]) -> type[Table]:
+def _drive_table(layout: Layout, harmonics: tuple[HarmonicForm, ...], modes: int) -> type[Table]:
     """The model of a [drive] with harmonics in tables of their own, see `harmonic_forms`; none: it has but one."""
     if not harmonics:
         return _number_table("drive", layout)
-    names = [COMPLEX_KEYS if form.is_complex else HARMONIC_KEYS for form in harmonics]
+    of_complex = [*COMPLEX_KEYS, *islice(MODAL_LOAD_KEYS, 2 * modes)]
+    names = [of_complex if form.is_complex else HARMONIC_KEYS for form in harmonics]
     rows = [ALL_KEYS[f"drive.harmonic[{i}].{name}"] for i, own in enumerate(names) for name in own]
     orders: dict[str, Any] = {f"harmonic[{i}].{one.order}": (ORDERS[one.order], ...) for i, one in enumerate(harmonics)}
     return _number_table("drive", layout, SINGLE_LOADS, **orders, **_fields(rows, layout))
@@ -320,7 +323,7 @@ def table_models(layout: Layout, harmonics: tuple[HarmonicForm, ...], modes: int
         "contact": _number_table("contact", layout, reading=READING, points=POINTS, shares=POINT_SHARES),
         "friction": _number_table("friction", layout),
         "coupling": _number_table("coupling", layout),
-        "drive": _drive_table(layout, harmonics),
+        "drive": _drive_table(layout, harmonics, modes),
         "initial": _number_table("initial", layout, start=START, friction=START_FRICTION),
         "parts": PartsTable,
         "run": RunTable,

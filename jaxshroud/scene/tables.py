@@ -8,7 +8,15 @@ import numpy as np
 from jaxshroud.scene.blades import Aero, Blades, Coupling
 from jaxshroud.scene.drive import ComplexHarmonic, Drive, Harmonic
 from jaxshroud.scene.engine_orders import order_of
-from jaxshroud.scene.keys import ALL_KEYS, HARMONIC_ENTRY, MODE_ENTRY, SINGLE_LOADS, Motion, number_shape
+from jaxshroud.scene.keys import (
+    ALL_KEYS,
+    HARMONIC_ENTRY,
+    MODAL_LOAD_KEYS,
+    MODE_ENTRY,
+    SINGLE_LOADS,
+    Motion,
+    number_shape,
+)
 from jaxshroud.scene.layout import Layout, Parts, Start, layout_with
 from jaxshroud.scene.modes import BladeMode, ModalBlades
 from jaxshroud.scene.optional import split_list
@@ -79,7 +87,10 @@ def _drive_of(entries: Mapping[str, Any], engine_order: Any) -> Drive:
 def _harmonic_of(i: int, entries: dict[str, Any], engine_order: Any) -> Harmonic | ComplexHarmonic:
     own = entries.pop("engine_order", None)
     order = {} if own is None else {"order": order_of(own, float(engine_order), i), "by_engine_order": True}
-    return (Harmonic if "F" in entries else ComplexHarmonic)(**entries, **order)
+    if "F" in entries:
+        return Harmonic(**entries, **order)
+    modal = {name: load for name in MODAL_LOAD_KEYS if (load := entries.pop(name, None)) is not None}
+    return ComplexHarmonic(**entries, **order, modal=modal)
 
 
 def _contact_of(tables: Mapping[str, Mapping[str, Any]]) -> Contact:

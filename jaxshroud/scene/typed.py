@@ -75,8 +75,9 @@ def type_check(annotation: Any) -> TypeCheck:
     inner = get_args(annotation)
     if origin in (Union, UnionType):
         if complex in inner:  # array-like in JAX and NumPy
-            return TypeCheck("numbers", are_numbers)
-        kinds = [type_check(one) for one in inner if one is not NoneType]
+            kinds = [TypeCheck("numbers", are_numbers)]
+        else:
+            kinds = [type_check(one) for one in inner if one is not NoneType]
         phrases = [kind.words for kind in kinds if kind.words]
         either = " or ".join([", ".join(phrases[:-1]), phrases[-1]] if phrases[1:] else phrases)
         return TypeCheck(either, lambda a: (a is None and NoneType in inner) or any(kind.holds(a) for kind in kinds))

@@ -25,6 +25,7 @@ from jaxshroud.scene.keys import (
     ALL_KEYS,
     HARMONIC_ENTRY,
     KEYS,
+    MODAL_LOAD_KEYS,
     MODE_ENTRY,
     POINT_ENTRY,
     find_key,
@@ -64,7 +65,8 @@ def field_of(scene: Scene, key: str) -> Any:
     table, name = number.parts
     match = HARMONIC_ENTRY.fullmatch(name)
     if match is not None:
-        return getattr((scene.drive.harmonic or ())[int(match["index"])], match["name"])
+        one: Any = (scene.drive.harmonic or ())[int(match["index"])]
+        return one.modal[match["name"]] if match["name"] in MODAL_LOAD_KEYS else getattr(one, match["name"])
     if isinstance(scene.blades, ModalBlades) and (mode := MODE_ENTRY.fullmatch(name)):
         return getattr(scene.blades.modes[int(mode["index"])], mode["name"])
     if point := POINT_ENTRY.fullmatch(name):
@@ -284,6 +286,9 @@ def numbers_that_count(scene: Scene) -> tuple[str, ...]:
     unused |= set() if "y" in parts.motion else _UNUSED["y"]
     unused |= set() if "theta" in parts.motion else _UNUSED["theta"] | {*filter(point_key, fields_of(scene))}
     unused |= {key for key in fields_of(scene) if key.rpartition(".phi_")[2] in {"y", "theta"} - {*parts.motion}}
+    unused |= {
+        key for key in fields_of(scene) if key.startswith("blades.modes") and key.endswith((".q", ".v", ".sigma"))
+    }
     unused |= set() if parts.contact == "smooth" else {"contact.width"}
     unused |= set() if parts.friction != "none" else _UNUSED["friction"]
     unused |= set() if parts.contact != "none" else _UNUSED["contact"] | _UNUSED["friction"]

@@ -61,6 +61,8 @@ def amplitude_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict
         values[f"{name}_mean"] = mean[i]
         values[f"{name}_rms"] = np.sqrt(np.maximum(square[i] - mean[i] ** 2, 0.0))
         values[f"{name}_peak"] = np.maximum(highest[i] - mean[i], mean[i] - lowest[i])
+    for high, low in zip(highest[3:], lowest[3:], strict=True):
+        values |= {"sigma_a": (high - low) / 2, "sigma_m": (high + low) / 2}
     return values | free_amplitudes(scenes)
 
 

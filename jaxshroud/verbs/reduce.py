@@ -1,7 +1,7 @@
 """The table of the modes of a blade, from the matrices of its finite elements or from shapes of a solver or a test."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -28,7 +28,7 @@ from jaxshroud.linear.reduction import (
 from jaxshroud.scene.checks import InputError, count_argument, word_argument
 from jaxshroud.scene.keys import MAX_MODES
 from jaxshroud.scene.layout import COORDINATES
-from jaxshroud.scene.mode_table import with_frequencies
+from jaxshroud.scene.mode_table import highest_rigid
 from jaxshroud.scene.modes import SHAPES, ModalBlades, modal_blades
 from jaxshroud.scene.typed import FloatArray, typed
 from jaxshroud.whole_file import write_whole
@@ -56,14 +56,8 @@ class ReducedBlade:
 
     def blades(self, count: int = 2) -> ModalBlades:
         """So many alike blades of these modes: a pair, or those of a ring."""
-        further = dict(self._further)
-        if count > 2 and self.kappa is not None:
-            further["kappa"] = np.tile(self.kappa[:, None], count)
-        return modal_blades(self.f, self.zeta, self.phi, blades=count, **further)
-
-    @property
-    def _further(self) -> dict[str, FloatArray]:
-        return {name: a for name in ("B", "kappa") if (a := getattr(self, name)) is not None}
+        kappa = None if self.kappa is None else np.tile(self.kappa[:, None], count) if count > 2 else self.kappa
+        return modal_blades(self.f, self.zeta, self.phi, blades=count, B=self.B, kappa=kappa)
 
     def in_ring(self, diameters: ArrayLike, f: ArrayLike, blades: int) -> "ReducedBlade":
         """The blade on the disk of a ring, by the frequencies of each family of modes over nodal diameters.
@@ -97,14 +91,21 @@ class ReducedBlade:
             notes=(*self.notes, f"One kappa a mode meets frequencies over nodal diameters to {100 * worst:.2g} %."),
         )
 
+    def _columns(self, text: Callable[[float], str]) -> dict[str, Sequence[str]]:
+        """The columns of the table, with the text of a number."""
+        numbers = {"f [Hz]": self.f, "zeta": self.zeta, **dict(zip(SHAPES, self.phi, strict=True))}
+        further = {name: a for name in ("B", "kappa") if (a := getattr(self, name)) is not None}
+        shares = {"misfit": self.misfit, "unseen": self.unseen}
+        return {
+            **{name: [*map(text, a.tolist())] for name, a in {**numbers, **further}.items()},
+            "kind": self.kind,
+            **{name: ["" if math.isnan(x) else f"{x:.3g}" for x in a] for name, a in shares.items()},
+        }
+
     @property
     def csv(self) -> str:
         """The table, as `[blades] modes` names it."""
-        numbers = {"f [Hz]": self.f, "zeta": self.zeta, **dict(zip(SHAPES, self.phi, strict=True)), **self._further}
-        columns: dict[str, Iterable[str]] = {name: [repr(float(x)) for x in a] for name, a in numbers.items()}
-        columns["kind"] = self.kind
-        for name in ("misfit", "unseen"):
-            columns[name] = ["" if math.isnan(x) else f"{x:.3g}" for x in getattr(self, name)]
+        columns = self._columns(repr)
         return "".join(f"{','.join(row)}\n" for row in (columns, *zip(*columns.values(), strict=True)))
 
     def save(self, path: str | Path) -> None:
@@ -113,14 +114,9 @@ class ReducedBlade:
 
     def __str__(self) -> str:
         """The modes in a table, and what is to be said of them."""
-        head = f"{'':9}{'f [Hz]':>12}{'zeta':>10}{'phi_x':>11}{'phi_y':>11}{'phi_theta':>11}{'misfit':>9}{'unseen':>9}"
-        rows = [
-            f"{kind:9}{f:12.6g}{zeta:10.3g}" + "".join(f"{a:11.4g}" for a in shape) + f"{misfit:9.2g}{unseen:9.2g}"
-            for kind, f, zeta, shape, misfit, unseen in zip(
-                self.kind, self.f, self.zeta, self.phi.T, self.misfit, self.unseen, strict=True
-            )
-        ]
-        return "\n".join([head, *rows, *self.notes]).replace("nan", "   ")
+        columns = self._columns("{:.5g}".format)
+        rows = (columns, *zip(*columns.values(), strict=True))
+        return "\n".join([*("".join(f"{cell:>12}" for cell in row) for row in rows), *self.notes])
 
 
 @typed
@@ -183,26 +179,22 @@ def reduce(
     Source:
         R = K^-1 B - Phi diag(1 / omega^2) Phi' B, and the eigenvectors of (R' K R, R' M R) times R.
     """
-    word_argument("units", units, Units)
-    count_argument("n_modes", n_modes, 1)
+    unknowns, nodes = _unknowns_and_nodes(dofs, nodes, n_modes, units)
     length, mass = LENGTH_AND_MASS[units]
     if K_at_speed is not None and not speed > 0:
         raise InputError("`K_at_speed` needs its `speed`, above 0.")
-    unknowns = [unknown_of(label) for label in dofs]
     matrices = _matrices(len(unknowns), K=K, M=M, C=C, K_at_speed=K_at_speed)
     require_memory(len(unknowns))
-    nodes = {str(node): place for node, place in nodes.items()}
     free = _free_unknowns(unknowns, fixed)
     matrices = {name: matrix[free][:, free] for name, matrix in matrices.items()}
     inertia, damping, running = (matrices.get(name) for name in ("M", "C", "K_at_speed"))
     unknowns = [unknowns[i] for i in free]
-    axes = frame_of(x_axis, y_axis)
-    fit = _fit_of(unknowns, shroud, nodes, origin, axes)
-    rigid = _rigid_of_all(unknowns, nodes, axes)
+    fit, rigid = _shroud_and_rigid(unknowns, nodes, shroud, origin, frame_of(x_axis, y_axis))
     factor = stiffness_factor(matrices["K"], rigid)
     omega, shapes = lowest_modes(factor, inertia, n_modes)
     B = fit.plane_forces(len(unknowns))
     K_inverse_B = factor.solve(B)
+    least = 0.01 * mass / contact_stiffness if contact_stiffness else 0.0
     found, more = (
         reduced(
             inertia,
@@ -213,7 +205,7 @@ def reduce(
             shapes=shapes[:, :count],
             zeta=zeta,
             limit=None if residual_frequency is None else math.tau * residual_frequency,
-            least=_least_flexibility(contact_stiffness if residuals else 0.0, fit.length, mass),
+            least=(least if residuals else np.inf) * np.array([1.0, 1.0, fit.length**-2]),
         )
         for count in (n_modes, len(omega))
     )
@@ -271,10 +263,8 @@ def reduce_shapes(
         InputError: Arrays are not of the same modes, a kept shape is too complex or not mass-normalised, or a kept mode
             damped above critical.
     """
-    word_argument("units", units, Units)
-    count_argument("n_modes", n_modes, 1)
+    unknowns, nodes = _unknowns_and_nodes(dofs, nodes, n_modes, units)
     shapes = np.asarray(phi, complex)
-    unknowns = [unknown_of(label) for label in dofs]
     numbers = [np.ravel(np.asarray(a, float)) for a in (f, zeta, mass, residual)]
     count = shapes.shape[-1]
     if shapes.shape != (len(unknowns), count) or not {a.size for a in numbers} <= {1, count}:
@@ -285,9 +275,8 @@ def reduce_shapes(
     own_f, own_zeta, masses, added = (np.full(count, a) for a in numbers)
     if not (np.isfinite([shapes.sum(), own_f.sum()]).all() and own_zeta.min() >= 0 < masses.min()):
         raise InputError("Shapes and frequencies must be finite, `zeta` at least 0, and modal masses above 0.")
-    kinds = np.where(added > 0, "residual", "mode").tolist()
-    modes = [{"f": a, "kind": kind} for a, kind in zip(own_f.tolist(), kinds, strict=True)]
-    own_f = np.array([mode["f"] for mode in with_frequencies(modes, "f")])
+    own_f[np.abs(own_f) <= highest_rigid(own_f[added == 0])] = 0.0
+    _refuse(own_f < 0, own_f, "has a negative omega^2: its blade is unstable, or the stiffness has a wrong sign")
     order = np.lexsort((own_f, added))
     kept = order[(np.arange(len(order)) < n_modes) | (added[order] > 0)]
     own_f = own_f[kept]
@@ -302,8 +291,7 @@ def reduce_shapes(
     )
     _refuse(collinear < least_collinearity, own_f, worst)
     unknowns = [one for one, told in zip(unknowns, measured, strict=True) if told]
-    nodes = {str(node): place for node, place in nodes.items()}
-    fit = _fit_of(unknowns, shroud, nodes, origin, frame_of(x_axis, y_axis))
+    fit, _ = _shroud_and_rigid(unknowns, nodes, shroud, origin, frame_of(x_axis, y_axis))
     omega = math.tau * own_f
     found = Reduced(
         omega=omega,
@@ -317,6 +305,15 @@ def reduce_shapes(
     blade = _in_si(found, fit, *LENGTH_AND_MASS[units])
     told = ", ".join(f"{a:.3f}" for a in collinear)
     return replace(blade, notes=(*blade.notes, f"Collinearity of the shapes (1: real): {told}."))
+
+
+def _unknowns_and_nodes(
+    dofs: Sequence[str], nodes: Mapping[str, ArrayLike], n_modes: int, units: Units
+) -> tuple[list[Unknown], dict[str, FloatArray]]:
+    """What rows are and where nodes are, of arguments that are checked."""
+    word_argument("units", units, Units)
+    count_argument("n_modes", n_modes, 1)
+    return [*map(unknown_of, dofs)], {str(node): np.asarray(place, float) for node, place in nodes.items()}
 
 
 def _matrices(rows: int, **given: Any) -> dict[str, Any]:
@@ -335,15 +332,6 @@ def _refuse(bad: Any, f: FloatArray, words: str) -> None:
         raise InputError(f"Mode {j} at {f[j]:.6g} Hz {words}.")
 
 
-def _geometry(unknowns: Sequence[Unknown], nodes: Mapping[str, Any]) -> tuple[FloatArray, FloatArray, np.ndarray]:
-    """Where unknowns are, along or about which unit vectors, and whether they are turns."""
-    numbers = [np.asarray(nodes[one.node], float) for one in unknowns]
-    axes = [frame_of(a[3:6].tolist(), a[6:].tolist()) if len(a) > 3 else np.eye(3) for a in numbers]
-    along = [own[(one.direction - 1) % 3] for own, one in zip(axes, unknowns, strict=True)]
-    at = np.array([a[:3] for a in numbers])
-    return at, np.array(along), np.array([one.direction > 3 for one in unknowns])
-
-
 def _free_unknowns(unknowns: Sequence[Unknown], fixed: Sequence[str]) -> np.ndarray:
     """The places of the unknowns that are not held."""
     held = {*map(str, fixed)}
@@ -353,46 +341,26 @@ def _free_unknowns(unknowns: Sequence[Unknown], fixed: Sequence[str]) -> np.ndar
     return np.array([i for i, one in enumerate(unknowns) if not {one.node, str(one)} & held])
 
 
-def _fit_of(
+def _shroud_and_rigid(
     unknowns: Sequence[Unknown],
+    nodes: Mapping[str, FloatArray],
     shroud: Sequence[str],
-    nodes: Mapping[str, Any],
     origin: Sequence[float] | None,
     axes: FloatArray,
-) -> ShroudFit:
+) -> tuple[ShroudFit, FloatArray]:
+    """The fit of the shroud's nodes, and what rigid motions about its centre make of all unknowns."""
     wanted = {*map(str, shroud)}
-    own = np.array([i for i, one in enumerate(unknowns) if one.node in wanted], int)
-    if lost := sorted(wanted - {unknowns[i].node for i in own}):
+    if not wanted:
+        raise InputError("Argument `shroud` must name the nodes of the shroud, at least three not on one line.")
+    if lost := sorted(wanted - {one.node for one in unknowns}):
         raise InputError(f"`shroud` names node {lost[0]}, but no free row of the matrices is of it.")
     if lost := sorted(wanted - set(nodes)):
         raise InputError(f"Node {lost[0]} of the shroud has no coordinates in `nodes`.")
-    if not wanted:
-        raise InputError(
-            "Argument `shroud` must name the nodes of the shroud, at least three that are not on one line."
-        )
-    center = (
-        np.mean([np.asarray(nodes[node])[:3] for node in wanted], axis=0)
-        if origin is None
-        else np.asarray(origin, float)
-    )
-    return shroud_fit(own, *_geometry([unknowns[i] for i in own], nodes), center, axes)
-
-
-def _rigid_of_all(unknowns: Sequence[Unknown], nodes: Mapping[str, Any], axes: FloatArray) -> FloatArray:
-    """What rigid motions make of all unknowns; 0 of those without coordinates, such as amplitudes of modes."""
-    placed = [i for i, one in enumerate(unknowns) if one.node in nodes]
-    at, along, turns = _geometry([unknowns[i] for i in placed], nodes)
-    found = np.zeros((len(unknowns), 6))
-    found[placed] = rigid_motions(at, along, turns, at.mean(axis=0), axes)
-    return found
-
-
-def _least_flexibility(contact_stiffness: float | None, size: float, mass: float) -> FloatArray:
-    """The flexibility of x, y and theta below which a residual vector is left out, in units of the model."""
-    if contact_stiffness is None:
-        return np.zeros(3)
-    bends = np.inf if contact_stiffness == 0 else 0.01 * mass / contact_stiffness
-    return np.array([bends, bends, bends / size**2])
+    mean = np.mean([nodes[node][:3] for node in wanted], axis=0)
+    rigid, arms = rigid_motions(unknowns, nodes, mean if origin is None else np.asarray(origin), axes)
+    own = np.array([i for i, one in enumerate(unknowns) if one.node in wanted])
+    turns = np.array([unknowns[i].direction > 3 for i in own])
+    return shroud_fit(own, rigid[own], turns, arms[own]), rigid
 
 
 def _in_si(found: Reduced, fit: ShroudFit, length: float, mass: float) -> ReducedBlade:

@@ -180,6 +180,38 @@ def test_a_beam_hits_a_stop(published):
     np.testing.assert_allclose(ours, [-1.72226, -4.4839902], rtol=1e-6)  # exact for these modes
 
 
+def bouncing_bar(count, k, far=1e7):
+    """An elastic bar, L = 10, E = 900, density 1, and its mirror image, dropped from 5 on a wall between them, g = 10.
+
+    Gravity acts on the rigid mode alone: it is a spring of 1e-6 1/s^2, 1e7 m from its rest.
+    """
+    omega = np.array([1e-3, *3 * np.pi * np.arange(1, count)])  # c / L = 3
+    phi = np.array([1.0, *[np.sqrt(2.0)] * (count - 1)]) / np.sqrt(10)
+    parts = ('parts.motion=["x"]', "parts.friction=none", "shroud.alpha=90 deg", "drive.F_0=0", "drive.f=0.5")
+    scene = js.load("table1", [*parts, f"contact.k={k / 2}"]).scene
+    blades = js.modal_blades(omega / (2 * np.pi), 0.0, [phi, 0 * phi, 0 * phi])
+    begin = np.sqrt(10) * far * np.array([-1.0, 1.0])
+    rigid = dataclasses.replace(blades.modes[0], q=begin)
+    scene = dataclasses.replace(scene, blades=js.ModalBlades((rigid, *blades.modes[1:])))
+    return scene.replace({"shroud.gap": 2 * (5 - far)})
+
+
+@pytest.mark.full
+def test_an_elastic_bar_bounces():
+    errors = []
+    for count, k, lasts in ((8, 1e3, 0.731), (16, 1e4, 0.680)):
+        run = js.simulate(bouncing_bar(count, k), n_periods=4, method=dopri8(1000), events=True)
+        t = run.events.t
+        assert t[0] == pytest.approx(1.0, abs=1e-6)
+        last = np.flatnonzero(np.diff(t) > 1.0)  # of the separations of each bounce: modes chatter before
+        duration, two = t[last[0]] - t[0], t[last[1] + 1] - t[0]
+        assert duration == pytest.approx(lasts, abs=5e-4)  # 0.731 is that of eight modes by others
+        errors.append((abs(duration - 2 / 3), abs(two - 16 / 3)))
+    # The exact series: contact lasts 2 L / c, and two bounces take 16/3.
+    assert errors[1][0] < 0.25 * errors[0][0]
+    assert errors[1][1] < 0.4 * errors[0][1] < 0.04
+
+
 @pytest.mark.published
 @pytest.mark.full
 def test_no_reading_of_the_article_meets_all_its_labels(published):

@@ -180,7 +180,9 @@ ANSWERS = {  # numbers of each verb
         (one := js.orbit(s, method=METHOD)).P,
         one.motion.x,
         one.conditioning,
-        np.sort_complex(one.multipliers.round(12)),
+        np.sort_complex(
+            one.multipliers[np.abs(one.multipliers) > 1e-9].round(12)
+        ),  # not of coordinates that are absent
     ],
     "lyapunov": lambda s: [(one := js.lyapunov(s, **SHORT)).exponents, one.motion.x],
     "branch": lambda s: [(one := js.branch(s, *SPEEDS, most_points=3, method=METHOD)).value, one.P_d, one.motion.v_x],

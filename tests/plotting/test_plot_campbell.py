@@ -81,6 +81,16 @@ def test_names_are_those_of_what_is_shown():
     assert "bending along y" not in told  # beyond 2.5 times what the orders reach
 
 
+def test_the_legend_has_no_state_without_a_line():
+    def labels(modes):
+        figure = picture("campbell", campbell(modes=modes).data)
+        drawn(figure)
+        return {text.get_text() for legend in figure.legends for text in legend.get_texts()}
+
+    assert {"apart", "stuck"} <= labels(MODES)
+    assert not {"apart"} & labels(MODES[2:])  # of faces that are pressed on each other at all speeds
+
+
 @pytest.mark.parametrize("start", [0.0, 1400.0])
 def test_a_range_of_speeds_is_the_axis(start):
     axes = axes_of(start=start)

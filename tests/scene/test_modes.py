@@ -130,7 +130,7 @@ WRONG = {
     "a number": ("[blades]\nmodes = 3\n", HEAD + LINES, "must be a list of tables"),
     "column": ('[blades]\nmodes = "blade.csv"\n', "freq,zeta\n1,2\n", "column 'freq' is unknown"),
     "cell": ('[blades]\nmodes = "blade.csv"\n', HEAD + "178,abc,1,2,3\n", r"mode \[0\]: zeta = abc"),
-    "not finite": ('[blades]\nmodes = "blade.csv"\n', HEAD + "nan,0,1,2,3\n", "f = nan is not a number"),
+    "not finite": ('[blades]\nmodes = "blade.csv"\n', HEAD + "nan,0,1,2,3\n", "f = nan must be a finite number"),
     "ragged": ('[blades]\nmodes = "blade.csv"\n', HEAD + "178,0\n", "the row has 2 cells"),
     "no modes": ('[blades]\nmodes = "blade.csv"\n', HEAD, "has no modes"),
     "damping": ('[blades]\nmodes = "blade.csv"\n', HEAD + LINES.replace("0.002", "1.5"), "zeta"),
@@ -138,7 +138,7 @@ WRONG = {
     "too many": ('[blades]\nmodes = "blade.csv"\n', HEAD + LINES * 6, "at most 16"),
     "both": ("[[blades.modes]]\nf = 1\nomega2 = 2\n", "", "both `f` and `omega2`"),
     "dependent": ("[[blades.modes]]\nf = 178\nphi_x = 3\nphi_y = 2\n", "", "in dependence on each other"),
-    "unit": ('[blades]\nmodes = "blade.csv"\n', HEAD.replace("Hz", "kg") + LINES, "f = 178.0 is a mass"),
+    "unit": ('[blades]\nmodes = "blade.csv"\n', HEAD.replace("Hz", "kg") + LINES, "its unit is a mass"),
 }
 
 

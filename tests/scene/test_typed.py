@@ -128,6 +128,7 @@ def test_a_path_that_is_none_writes_nothing(scene, tmp_path, monkeypatch):
         (float, [3, 0.5, np.float32(1), np.ones(()), jnp.ones(())], [True, "1", 1j, np.ones(1), [1.0], None]),
         (bool, [True, np.True_], [1, None, "x"]),
         (Numbers, [1, [1, (2.0, 3)], range(3), np.ones(2), jnp.ones(2)], [True, [1, False], "1", ["1"], np.array("a")]),
+        (Numbers | None, [None, 1, [1.0]], ["1", True]),
         (Sequence[str], [["a"], ("a",), np.array(["a"])], ["a", [1], {"a": 1}, {"a"}, None, np.array("a")]),
         (Mapping[str, tuple[float, float]], [{"a": (1, 2)}, {"a": np.ones(2)}], [{"a": 1}, {"a": (1,)}, {1: (1, 2)}]),
         (int | Literal["auto"] | None, [3, "auto", None], ["x", 1.0]),

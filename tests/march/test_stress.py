@@ -1,0 +1,62 @@
+"""Stress of blades by modes: its range over whole orbits, and what Goodman makes of it."""
+
+import dataclasses
+
+import modal_reference
+import numpy as np
+import pytest
+import row_reference
+from test_modal_blades import MODES
+
+import jaxshroud as js
+
+SIGMA = np.array([3e9, -2e10, 5e10, 1e11])
+METHOD = js.RungeKutta(steps=800)
+
+
+def stressed(sigma, **changes):
+    p = row_reference.table1_row(2, False, 1, M_0=1.0, **changes)
+    modes = modal_reference.Modes(*(a[..., :2] for a in MODES))
+    scene = modal_reference.scene_of(p, modes)
+    own = [dataclasses.replace(mode, sigma=a) for mode, a in zip(scene.blades.modes, sigma, strict=True)]
+    return p, modes, dataclasses.replace(scene, blades=js.ModalBlades(tuple(own)))
+
+
+def swept(scene, **changes):
+    """A sweep of one scene."""
+    values = {"drive.omega": [float(scene.drive.omega)]}
+    return js.sweep(scene.replace(changes), values, n_periods=4, transient=300, method=METHOD, amplitudes=True)
+
+
+@pytest.mark.full
+def test_stress_is_the_sum_of_that_of_the_modes():
+    # Apart, under a mean force: the sum over modes in closed form.
+    p, modes, scene = stressed(SIGMA, gap=1.0)
+    run = swept(scene, **{"drive.F_x_mean": 5.0})
+    loads = np.array([np.array(p.F_0) * np.cos(p.beta), np.array(p.F_0) * np.sin(p.beta), np.array(p.M_0)])
+    q = np.einsum("ajb,ab->jb", modes.shapes, loads) / (modes.k - p.omega**2 + 1j * p.omega * modes.c)
+    np.testing.assert_allclose(run.sigma_a[0], np.abs(SIGMA @ q), rtol=1e-6)
+    np.testing.assert_allclose(run.sigma_m[0], SIGMA @ (modes.shapes[0] * 5.0 / modes.k), rtol=1e-4)
+    used = run.goodman(400e6, 900e6, sigma_0=np.array([1e8, -1e12]))
+    pulled = (run.sigma_m[0, 0] + 1e8) / 900e6
+    np.testing.assert_allclose(used[0], run.sigma_a[0] / 400e6 + [pulled, 0.0], rtol=1e-12)
+    # Control: of shapes without signs.
+    assert np.max(np.abs(np.abs(np.abs(SIGMA) @ np.abs(q)) / run.sigma_a[0] - 1)) > 0.01
+
+
+@pytest.mark.full
+def test_stress_in_proportion_to_x_has_its_range():
+    scale = 1e12
+    _, _, scene = stressed(scale * MODES.shapes[0][:, 0])
+    run = swept(scene)
+    about = run.sigma_m - scale * run.x_mean
+    np.testing.assert_allclose(run.sigma_a + np.abs(about), scale * run.x_peak, rtol=1e-12)
+    assert np.abs(about).max() > 1e-3 * run.sigma_a.max()  # contact makes it lopsided
+    assert np.max(run.v_max) > 0
+
+
+def test_without_stress_there_is_no_goodman():
+    scene = js.load("table1", ['parts.motion=["x"]', "contact.gamma=0"]).scene
+    run = js.sweep(scene, {"drive.omega": [500.0]}, n_periods=1, transient=1, method=js.RungeKutta(steps=200))
+    with pytest.raises(js.InputError, match="give modes their `sigma`"):
+        run.goodman(1.0, 1.0)
