@@ -67,12 +67,12 @@ def compiled(*static: str) -> Callable[[Callable], Callable]:
                 given["method"] = method.as_static
             scenes = given.get("scenes")
             has_large = method is not None and _has_large_kernels(method, getattr(scenes, "value", scenes))
-            if is_traced((args, kwargs)) or not accepts_options(has_large):
-                if method is not None:
-                    given["method"] = given["method"]._replace(large_kernels=False)
-                return plain(**given)
-            if method is None or not has_large:
-                return widest(**given)
+            has_options = not is_traced((args, kwargs)) and accepts_options()
+            is_large = has_options and has_large and accepts_options(series=True)
+            if method is not None and (has_large or not has_options) and not is_large:
+                given["method"] = given["method"]._replace(large_kernels=False)
+            if not is_large:
+                return widest(**given) if has_options else plain(**given)
             if not stepper_for(method).large_kernels:
                 return whole(**given)
             return large(**given | {"method": method.as_static.with_tolerance()}, tolerance=method.tolerance)
@@ -96,9 +96,10 @@ def accepts_options(series: bool = False) -> bool:
         with jax.ensure_compile_time_eval(), jax.transfer_guard("allow"):  # the probe has constants
             kept(compiler_options=options)(lambda a: a + a)(np.zeros(()))
     except Exception as error:  # of whatever type a future XLA may raise
-        warn_slower(
-            f"XLA refuses {options} ({error}): vector registers may be narrower, and power series compile slowly"
+        effect = (
+            "power series take minutes to compile, once; jax<0.12 does not" if series else "vectors may be narrower"
         )
+        warn_slower(f"XLA refuses {options} ({error}): {effect}")
         return False
     return True
 
