@@ -84,8 +84,8 @@ own, `[coupling]` and `[aero]`; keys are `coupling.k_x` or `row.coupling.k_x`.
 
 `drive.engine_order` alone sets the phases, $2 \\pi e i / N$ of blade i; with `drive.speed` it sets the frequency too,
 which may as well be given by `omega` or `f`. In a ring it is a whole number, and with a speed it is positive. A `phase`
-beside it is an error. A row has the consistent reading and blades at both ends; [a law of your own](derivatives.md#your-own-law-of-contact)
-is given in Python.
+beside it is an error. A row has the consistent reading and blades at both ends;
+[a law of your own](derivatives.md#your-own-law-of-contact) is given in Python.
 
 | key | symbol | unit | range | per | default | example | |
 |---|---|---|---|---|---|---|---|
