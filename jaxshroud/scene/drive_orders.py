@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from jaxshroud.cache.programs import is_traced
 from jaxshroud.scene.checks import InputError, SceneError
@@ -18,6 +17,7 @@ from jaxshroud.scene.engine_orders import order_of
 from jaxshroud.scene.keys import find_key
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.speed import ORDER
+from jaxshroud.scene.typed import FloatArray
 
 PHASE_ROUNDING = 1e-9  # [rad] by which phases may miss those of an engine order
 
@@ -91,15 +91,19 @@ def _orders_at(drive: Drive, before: int | float, after: int | float) -> tuple[i
 
 def order_of_drive(drive: Drive) -> int | None:
     """The engine order modulo N of a row with this drive: harmonic n has n times its phases; None if there is none."""
-    orders = {n: order_of_phases(one.phase) for n, one in drive.harmonics().items()}
+    orders = {n: order_of_phases(np.asarray(one.phase)) for n, one in drive.harmonics().items()}
     N = np.shape(drive.phase)[-1]
     return next((e for e in range(N) if all(order == n * e % N for n, order in orders.items())), None)
 
 
-def order_of_phases(phase: ArrayLike) -> int | None:
+def order_of_phases(phase: FloatArray) -> int | None:
     """The engine order modulo N of a row with the phases (N,) of its drive; None where they are those of none."""
-    phase = np.asarray(phase, float)
     N = len(phase)
     order = round(N * (phase[1] - phase[0]) / math.tau) % N
     miss = phase - phase[0] - math.tau * order * np.arange(N) / N
-    return None if np.max(np.abs(miss - math.tau * np.round(miss / math.tau))) > PHASE_ROUNDING else order
+    return None if np.max(np.abs(miss - math.tau * np.round(miss / math.tau))) > phase_rounding(phase) else order
+
+
+def phase_rounding(phase: FloatArray) -> float:
+    """How much phases in their precision may miss those of an engine order [rad]."""
+    return max(PHASE_ROUNDING, 16 * float(np.finfo(phase.dtype).eps * np.max(np.abs(phase))))

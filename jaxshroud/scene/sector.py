@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.drive import Drive
-from jaxshroud.scene.drive_orders import PHASE_ROUNDING, order_of_drive
+from jaxshroud.scene.drive_orders import order_of_drive, phase_rounding
 from jaxshroud.scene.keys import ALL_KEYS, MIN_BLADES, number_shape
 from jaxshroud.scene.scene import Row, Scene
 from jaxshroud.scene.vary import field_of, fields_of
@@ -112,7 +112,7 @@ def _phases_repeat(drive: Drive, blades: int) -> bool:
     for one in drive.harmonics().values():
         phase = np.asarray(one.phase)
         turns = (np.roll(phase, -blades, axis=-1) - phase).astype(float) / math.tau
-        rounding = max(PHASE_ROUNDING, 16 * float(np.finfo(phase.dtype).eps * np.max(np.abs(phase))))
+        rounding = phase_rounding(phase)
         if np.max(np.abs(turns - np.round(turns))) > rounding:
             return False
     return True

@@ -14,6 +14,7 @@ import jaxshroud as js
 from jaxshroud.io.scene_numbers import dimension, key_label
 from jaxshroud.scene.checks import InputError, KeyNameError, SceneError
 from jaxshroud.scene.config import load, parse
+from jaxshroud.scene.drive_orders import order_of_phases
 from jaxshroud.scene.keys import ALL_KEYS, ROW_KEYS, find_key, number_shape
 from jaxshroud.scene.layout import LIMITED, MISPRINTS, row_layout
 from jaxshroud.scene.other_parts import with_parts
@@ -444,3 +445,10 @@ def test_the_speed_of_a_row_counts_with_the_phases_of_its_engine_order():
     # Control: a number of a phase takes the place of the engine order, without which there is no speed.
     with pytest.raises(js.Error, match="engine_order"):
         level_of(with_numbers(scene, [*counted, "drive.phase[1]"]), "drive.speed")
+
+
+def test_an_engine_order_is_known_of_phases_in_float32():
+    phase = np.float32(2 * np.pi * 7 / 60) * np.arange(60, dtype=np.float32)
+    assert order_of_phases(phase) == 7
+    assert order_of_phases(np.where(np.arange(60) == 9, phase + np.float32(1e-3), phase)) is None
+    assert order_of_phases(np.asarray(phase, float)) is None  # control: in float64 that would be another drive
