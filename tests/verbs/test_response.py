@@ -159,6 +159,6 @@ def test_a_branch_that_may_have_more_points_says_so():
     assert found.branch().ends == [("start", "most points")]
     (line,) = found.messages
     assert f"{found.branch().value[-1]:.6g}" in line
-    assert "give more `most_points`" in line
+    assert "as many points as `most_points` allows" in line
     with pytest.raises(InputError, match="most_points"):
         js.response(scene, "drive.omega", 900.0, 1300.0, most_points=1)
