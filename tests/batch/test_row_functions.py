@@ -76,7 +76,7 @@ def test_unstable_steps_of_a_row_are_bad_input(ring):
     assert run.coarseness == found.coarseness[0] > 2.8 / 0.51
 
 
-@pytest.mark.full(but=["jacfwd-rollout"])
+@pytest.mark.full
 @pytest.mark.parametrize("of_sweep", [False, True], ids=["rollout", "sweep_function"])
 @pytest.mark.parametrize("derivative", [jax.grad, jax.jacfwd], ids=["grad", "jacfwd"])
 def test_derivatives_of_rows_are_differences(ring, derivative, of_sweep):

@@ -177,6 +177,7 @@ def test_a_tuned_ring_swings_as_the_smallest_ring_that_does():
     np.testing.assert_allclose(own.margins.slip, whole.margins.slip, rtol=1e-12)
 
 
+@pytest.mark.full
 def test_a_closed_form_in_all_directions_is_computed_once():
     told = []
     found = js.sweep(

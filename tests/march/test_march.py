@@ -109,7 +109,7 @@ def test_the_printed_reading_does_not_balance(scenes):
     assert np.all(residual > 1e-3)
 
 
-@pytest.mark.full(but=["rk4-bisection", "tsit5-cubic"])
+@pytest.mark.full(but=["rk4-bisection"])
 def test_order_of_the_located_march(refined, fine):
     method, runs = refined
     for name in (*KINDS, *SWITCHES):

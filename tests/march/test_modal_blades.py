@@ -101,7 +101,7 @@ TABLE1 = ["drive.M_0=1"]
 THREE = ["row.blades=3", "shroud.gap=22 um", "row.closed=true", "drive.engine_order=1", "blades.I=2.46e-3"]
 
 
-@pytest.mark.full(but=["pair"])
+@pytest.mark.full
 @pytest.mark.parametrize(("name", "numbers"), [("table1", TABLE1), ("row_chain5", THREE)], ids=["pair", "ring"])
 def test_lumped_blades_are_three_modes(name, numbers):
     # Its start is not at rest: the shapes of x, y and theta also carry a motion of the shroud.
@@ -120,6 +120,7 @@ def test_lumped_blades_are_three_modes(name, numbers):
     np.testing.assert_allclose(np.stack(own), np.stack(free), rtol=1e-12)
 
 
+@pytest.mark.full
 def test_a_rigid_neighbour_of_a_blade_by_modes():
     scene = js.load("griffin").scene
     by_modes = dataclasses.replace(scene, blades=modal_reference.modes_of_lumped(scene.blades).blades)

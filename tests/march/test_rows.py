@@ -70,7 +70,7 @@ JUDGED = {
 
 
 @pytest.mark.release(only=["ring of 4", "ring of 8 by series"])
-@pytest.mark.full(but=["chain of 3", "chain of 3 by series"])
+@pytest.mark.full(but=["chain of 3 by series"])
 @pytest.mark.parametrize(("place", "method"), JUDGED.values(), ids=JUDGED)
 def test_random_rows_are_those_of_the_second_opinion(place, method):
     rows = row_opinions.kept_rows(place)

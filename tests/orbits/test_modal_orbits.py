@@ -107,7 +107,7 @@ def test_a_diagnosis_is_that_of_the_orbit():
 KEYS = [f"blades.modes[{j}].{name}" for j in (0, 1) for name in ("f", "zeta", "phi_x")]
 
 
-@pytest.mark.full(but=["P_d"])
+@pytest.mark.full
 @pytest.mark.parametrize("of", ["P_d", "x_rms"])
 def test_derivatives_by_modes_are_differences(of):
     keys = [*KEYS, "blades.modes[1].f[0]", "shroud.gap", "contact.gamma"]

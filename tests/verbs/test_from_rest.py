@@ -62,6 +62,7 @@ def test_the_closed_form_holds_the_sliders_of_the_start():
         js.gradient(scene, ["contact.gamma"], of="x_peak", linear="stuck")
 
 
+@pytest.mark.full
 def test_the_sheet_judges_the_motion_about_that_position():
     held = js.check(js.load("table1", [*STUCK, *LOADS, *FROM_REST])).settled
     without = js.check(js.load("table1", [*STUCK, *LOADS, FROM_REST[0]])).settled

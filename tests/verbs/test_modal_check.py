@@ -25,7 +25,7 @@ def both(name):
     return scene, dataclasses.replace(scene, blades=modal_reference.modes_of_lumped(scene.blades).blades)
 
 
-@pytest.mark.full(but=["pair", "coupled"])
+@pytest.mark.full(but=["pair"])
 @pytest.mark.parametrize("name", SCENES)
 def test_the_sheet_is_that_of_the_lumped_blades(name):
     sheet, other = map(js.check, both(name))
