@@ -301,7 +301,8 @@ PREAMBLE = """# What every verb does for every kind of scene
 
 Verbs were run for each of these scenes at the smallest size: two to four blades, coarse steps, a few periods.
 Any two values of two properties that one scene may have occur together in one of them. The table says whether a verb
-comes to an end, not how good its numbers are: that is on the pages of the verbs, and of [limits](limits.md).
+comes to an end, not how good its numbers are: that is on the pages of the verbs, and of [limits](limits.md). What an
+empty cell stands for was not run.
 `pytest --full tests/test_verbs_and_scenes.py` computes the answers anew.
 
 ## The scenes
