@@ -17,7 +17,6 @@ from jaxshroud.scene.engine_orders import order_of
 from jaxshroud.scene.keys import find_key
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.speed import ORDER
-from jaxshroud.scene.typed import FloatArray
 
 PHASE_ROUNDING = 1e-9  # [rad] by which phases may miss those of an engine order
 
@@ -96,7 +95,7 @@ def order_of_drive(drive: Drive) -> int | None:
     return next((e for e in range(N) if all(order == n * e % N for n, order in orders.items())), None)
 
 
-def order_of_phases(phase: FloatArray) -> int | None:
+def order_of_phases(phase: np.ndarray) -> int | None:
     """The engine order modulo N of a row with the phases (N,) of its drive; None where they are those of none."""
     N = len(phase)
     order = round(N * (phase[1] - phase[0]) / math.tau) % N
@@ -104,6 +103,6 @@ def order_of_phases(phase: FloatArray) -> int | None:
     return None if np.max(np.abs(miss - math.tau * np.round(miss / math.tau))) > phase_rounding(phase) else order
 
 
-def phase_rounding(phase: FloatArray) -> float:
+def phase_rounding(phase: np.ndarray) -> float:
     """How much phases in their precision may miss those of an engine order [rad]."""
     return max(PHASE_ROUNDING, 16 * float(np.finfo(phase.dtype).eps * np.max(np.abs(phase))))
