@@ -71,7 +71,7 @@ def compiled(*static: str) -> Callable[[Callable], Callable]:
             is_large = has_options and has_large and accepts_options(series=True)
             if method is not None and (has_large or not has_options) and not is_large:
                 given["method"] = given["method"]._replace(large_kernels=False)
-            if not is_large:
+            if method is None or not is_large:
                 return widest(**given) if has_options else plain(**given)
             if not stepper_for(method).large_kernels:
                 return whole(**given)
