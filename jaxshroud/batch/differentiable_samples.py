@@ -28,6 +28,7 @@ from jaxshroud.batch.xla import (
     accepts_options,
     best_mapping,
     has_several_kernels,
+    method_without_options,
     one_lane,
     repeated_while,
 )
@@ -180,9 +181,9 @@ def batching_by_lanes(f: Callable[..., Tree]) -> Callable[..., Tree]:
 
 def _run_compiled(scenes: Any, states: Any, schedule: Schedule) -> tuple[Any, Int[Array, " lanes"]]:
     layout = (scenes.value if isinstance(scenes, Dual) else scenes).layout
-    if layout == PAIR and not is_traced((scenes, states)) and accepts_options(series=True):
+    if layout == PAIR and not is_traced((scenes, states)) and accepts_options():
         return _run_large(scenes, states, schedule)
-    return _run_plain(scenes, states, schedule._replace(method=schedule.method._replace(large_kernels=False)))
+    return _run_plain(scenes, states, schedule._replace(method=method_without_options(schedule.method)))
 
 
 def _run_samples(scenes: Any, states: Any, schedule: Schedule) -> tuple[Any, Int[Array, " lanes"]]:
@@ -194,7 +195,7 @@ def samples_with_tangents(scenes: Dual, states: Dual, schedule: Schedule, wanted
 
     Only the `wanted` first ones mean anything; one compiled program serves any number of them, and of steps.
     """
-    large = stepper_for(schedule.method).large_kernels and accepts_options(series=True)
+    large = stepper_for(schedule.method).large_kernels and accepts_options()
     counts = jnp.asarray([wanted, schedule.every, schedule.steps], jnp.int32)
     run = _run_large_part if large else _run_plain_part
     return run(scenes, states, counts, schedule._replace(every=1, steps=1))[0]

@@ -32,11 +32,13 @@ from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.typed import Tree
 
+HAS_TWO_EMITTERS = jax.__version_info__ < (0, 12)
 WIDE_VECTORS = {"xla_cpu_prefer_vector_width": 512}  # the widest registers, where the CPU has them
-FOR_SERIES = WIDE_VECTORS | {"xla_cpu_use_fusion_emitters": False}
+FOR_SERIES = WIDE_VECTORS | ({"xla_cpu_use_fusion_emitters": False} if HAS_TWO_EMITTERS else {})
 """Options of XLA on a CPU, for `jax.jit(f, compiler_options=...)` of a program that marches by power series.
 
-Its kernels have 3,000 to 8,000 operations: the usual emitter takes minutes for them, this one seconds.
+Its kernels have 3,000 to 8,000 operations: until JAX 0.12 the usual emitter takes minutes for them, the other one
+seconds. Later there is one emitter, which takes seconds; its kernels are four times slower.
 """
 DUAL_NUMBERS = 160  # of values and tangents in one kernel; with more, two kernels are faster
 
@@ -65,14 +67,13 @@ def compiled(*static: str) -> Callable[[Callable], Callable]:
             method: Choices | None = given.get("method")
             if method is not None:
                 given["method"] = method.as_static
+            if is_traced((args, kwargs)) or not accepts_options():
+                if method is not None:
+                    given["method"] = method_without_options(method.as_static)
+                return plain(**given)
             scenes = given.get("scenes")
-            has_large = method is not None and _has_large_kernels(method, getattr(scenes, "value", scenes))
-            has_options = not is_traced((args, kwargs)) and accepts_options()
-            is_large = has_options and has_large and accepts_options(series=True)
-            if method is not None and (has_large or not has_options) and not is_large:
-                given["method"] = given["method"]._replace(large_kernels=False)
-            if method is None or not is_large:
-                return widest(**given) if has_options else plain(**given)
+            if method is None or not _has_large_kernels(method, getattr(scenes, "value", scenes)):
+                return widest(**given)
             if not stepper_for(method).large_kernels:
                 return whole(**given)
             return large(**given | {"method": method.as_static.with_tolerance()}, tolerance=method.tolerance)
@@ -88,18 +89,19 @@ def _has_large_kernels(method: Choices, scenes: Any) -> bool:
     return stepper_for(method).large_kernels or scenes.layout == PAIR
 
 
+def method_without_options(method: Choices) -> Choices:
+    """The method as it is compiled where XLA's options cannot be set."""
+    return method._replace(large_kernels=False) if HAS_TWO_EMITTERS else method
+
+
 @cache
-def accepts_options(series: bool = False) -> bool:
-    """Whether XLA accepts `WIDE_VECTORS`, or `FOR_SERIES`; warns if not."""
-    options = FOR_SERIES if series else WIDE_VECTORS
+def accepts_options() -> bool:
+    """Whether XLA accepts the options `FOR_SERIES`; warns if not."""
     try:
         with jax.ensure_compile_time_eval(), jax.transfer_guard("allow"):  # the probe has constants
-            kept(compiler_options=options)(lambda a: a + a)(np.zeros(()))
+            kept(compiler_options=FOR_SERIES)(lambda a: a + a)(np.zeros(()))
     except Exception as error:  # of whatever type a future XLA may raise
-        effect = (
-            "power series take minutes to compile, once; jax<0.12 does not" if series else "vectors may be narrower"
-        )
-        warn_slower(f"XLA refuses {options} ({error}): {effect}")
+        warn_slower(f"XLA refuses {FOR_SERIES} ({error}): vectors may be narrower, kernels smaller")
         return False
     return True
 

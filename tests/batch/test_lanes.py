@@ -69,7 +69,7 @@ def test_a_kernel_that_computes_other_numbers_is_not_used(monkeypatch):
 
 @pytest.mark.usefixtures("asked_again")
 def test_an_option_that_xla_refuses_is_left_out(monkeypatch):
-    monkeypatch.setattr(xla, "WIDE_VECTORS", {"xla_no_such_option": 1})
+    monkeypatch.setattr(xla, "FOR_SERIES", {"xla_no_such_option": 1})
     doubled = xla.compiled("by")(lambda a, by: by * a)
     with pytest.warns(RuntimeWarning, match="XLA refuses .*xla_no_such_option"):
         assert doubled(jnp.ones(()), by=2) == 2
