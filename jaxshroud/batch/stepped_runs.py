@@ -181,9 +181,14 @@ class SampledLanes(NamedTuple):
     events: dict[str, Any] | None
 
 
+def with_loads_of_rows(scenes: Scene, method: Choices) -> Choices:
+    """The method by which lanes with samples are marched: what wears their faces is integrated in rows."""
+    return method._replace(loads=scenes.layout != PAIR)
+
+
 def sampled_lanes(scenes: Scene, states: State, grid: SampleGrid, method: Choices, tick: Tick) -> SampledLanes:
     """March lanes (leading axis) and keep samples; `tick` gets the number of further steps."""
-    method = method._replace(loads=scenes.layout != PAIR)
+    method = with_loads_of_rows(scenes, method)
     lanes, first = _begin_sampled(scenes, states, grid, method)
     before = np.asarray(energies_of_lanes(scenes, lanes, best_mapping()))
     march = partial(_march_stretch, scenes, grid=grid, method=method, tick=tick)

@@ -11,7 +11,7 @@ from jaxshroud.batch.limits import CallPace
 from jaxshroud.batch.periods import Clock, lanes_per_call
 from jaxshroud.batch.plan import Plan, Runs, run_log
 from jaxshroud.batch.sampling import SampleGrid
-from jaxshroud.batch.stepped_runs import run_periods
+from jaxshroud.batch.stepped_runs import run_periods, with_loads_of_rows
 from jaxshroud.batch.stretches import Trajectories
 from jaxshroud.march.method import Choices
 from jaxshroud.model.modes import Status
@@ -34,7 +34,7 @@ def zeno_of_trajectories(scenes: Scene, marched: Trajectories, grid: SampleGrid,
     took = sum(np.asarray(a).reshape(len(last.status), -1)[:, 0] for a in times)  # the same at all interfaces
     steps = took / grid.step_lengths(scenes)
     whole = np.round((steps - last.step - last.search.done) / grid.steps).astype(int)
-    return zeno_report(scenes, last, whole + 1, grid.clock(scenes, method), method)
+    return zeno_report(scenes, last, whole + 1, grid.clock(scenes, method), with_loads_of_rows(scenes, method))
 
 
 def zeno_report(scenes: Scene, last: Any, period: np.ndarray, clock: Clock, method: Choices) -> str | None:

@@ -187,7 +187,7 @@ def _first_crossing(guards: list[Coefficients], h: Scalar, width: Scalar, probed
         for i, (start, end) in enumerate(zip(before, ends, strict=True)):
             rises, at_maximum, share, rise = _crossing_in_part(start, end, width, probed if part == 0 else none)
             at = width * (part + share)
-            earlier = rises & ~found & (at < estimate.at)
+            earlier = rises & ~found & (~here | (at < estimate.at))
             estimate = select(earlier, _RootEstimate(at, width * float(part), jnp.int32(i), at_maximum, rise), estimate)
             here = here | rises
         found, before = here, ends

@@ -30,6 +30,7 @@ from jaxshroud.model.series import polynomial, polynomial_value, polynomial_valu
 from jaxshroud.scene.keys import Motion
 
 EXTRA_WORK_TERMS = 4  # further terms of the works: without them the error of squares is 100 times the tolerance
+AT_REST = {8: 1e-250, 4: 1e-30}  # by the bytes of a number: a displacement [m, rad] and its rate per radian
 TESTED_TOLERANCES = np.geomspace(*TOLERANCE_RANGE, 16)
 
 
@@ -271,9 +272,15 @@ def integrated_loads(point: SlidingPoint, order: int, span: TrialSpan) -> Contac
 
 def motion_after(displacements: tuple[Coefficients, ...], unit: Scalar, s: Scalar) -> Motion:
     """The motion of one blade after `s` radians of `unit` seconds each."""
-    ends = [(a[0], a[0]) if is_zero(a[0]) else polynomial_value_and_rate(a, s) for a in displacements]
+    ends = [(a[0], a[0]) if is_zero(a[0]) else _unless_at_rest(*polynomial_value_and_rate(a, s)) for a in displacements]
     (x, v_x), (y, v_y), (theta, v_theta) = ((a, v if is_zero(v) else v / unit) for a, v in ends)
     return Motion(x=x, y=y, theta=theta, v_x=v_x, v_y=v_y, v_theta=v_theta)
+
+
+def _unless_at_rest(value: Scalar, rate: Scalar) -> tuple[Scalar, Scalar]:
+    """A displacement and its rate, both 0 where they are so small that rounding to 0 would let them change sign."""
+    moves = jnp.abs(value) + jnp.abs(rate) > AT_REST[value.dtype.itemsize]
+    return where(moves, value, 0.0), where(moves, rate, 0.0)
 
 
 def _integrated(rate: Coefficients) -> Coefficients:

@@ -238,7 +238,7 @@ def trial_outcome(
     event, kind, several = over(each, _first_event_of_face, faces, contact, before, h, model)
     first = least(event.end)
     here = event.end <= first + SIMULTANEOUS[h.dtype.itemsize] * h
-    reject = any_along(event.reject)
+    reject = any_along(event.reject) & ~any_along(event.fire & (event.end == 0))  # nothing comes before the start
     end = greatest(where(here, event.end, 0.0))
     fires, pending = here & event.fire & ~reject, search.pending
     at_root = end > 0
@@ -468,7 +468,7 @@ def _lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[RowModel], me
     status = status_of(row_turned(after, lost, model), lost, too_many)
     # contact may begin flat although one end of the overlap already pulls
     turns = None if change.turns is None else where(step > lane.step, 0, change.turns)
-    recheck = any_along(change.jumped)
+    recheck = any_along(change.jumped) | (search.recheck & outcome.reject)
     if outcome.pending is not None:
         recheck = recheck | any_along(outcome.pending)
     next_search = next_search._replace(recheck=recheck, turns=turns, pending=outcome.pending)

@@ -15,15 +15,18 @@ from row_runs import EXACT_ROW, part_of_period, row_scene_of, run_rows
 from scipy.linalg import expm
 
 import jaxshroud as js
-from jaxshroud.batch.lanes import begin_lanes, lanes_last
+from jaxshroud.batch.lanes import begin_lanes, lane_models, lanes_at_start, lanes_last
 from jaxshroud.batch.periods import CallLimits, Clock, at_start_of_period, run_block
 from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import best_mapping, vmapped
 from jaxshroud.march import row_trial
+from jaxshroud.march.carry import Fixed, time_grid
+from jaxshroud.march.events import TURN, number_of
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import TaylorOptions
+from jaxshroud.march.taylor_trial import taylor_trials
 from jaxshroud.model.arithmetic import ZERO
-from jaxshroud.model.modes import Mode, Status
+from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Recorded
 from jaxshroud.model.row import prepared_row, row_rhs
@@ -450,3 +453,34 @@ def test_the_share_of_a_period_decides_when_rocking_faces_become_flat_and_not_th
         assert run(steps, flat_return=1 / 2400)[0] > 5e-6  # control: as at 100 steps, when the step decided
     # Without flat contact: a guard that rises and falls before another interface has its event was missed once (8e-6).
     assert run(200, flat_return=1e-7)[0] < 2e-7
+
+
+# A ring of four pressed blades at the instant at which its last two faces have become flat. All are now, and share what
+# they hold otherwise: the first and the last face open at once.
+ALL_FLAT = Motion(
+    x=[2.66100794606348e-05, 3.041246935291208e-05, -2.6807077993856713e-05, -3.0215470819690097e-05],
+    y=[-2.05607386809429e-07, 1.917233518194839e-06, 2.5914114584954853e-07, -1.9707672772349725e-06],
+    theta=[-0.0005185644158310996] * 4,
+    v_x=[0.015493549776555518, 0.0019341694252374485, -0.015577067650933512, -0.0018506515508583375],
+    v_y=[0.0010416282954007865, -0.0013703786830243387, -0.0010202458559761534, 0.0013489962435997156],
+    v_theta=[2.9414548041573884e-05] * 4,
+)
+
+
+@pytest.mark.full
+def test_a_face_that_has_just_become_flat_does_not_hide_what_is_due_at_another():
+    keys = ["row.blades=4", "drive.engine_order=1", "shroud.gap=-0.2 mm", "friction.mu=1000"]
+    scenes = jax.tree.map(lambda a: jnp.asarray(a)[None], js.load("row_ring12", keys).scene)
+    method, steps, four = Choices(TaylorOptions(4, 1e-8), "series"), 200, jnp.ones((1, 4), jnp.int32)
+    motion = jax.tree.map(lambda a: jnp.asarray([a]), ALL_FLAT, is_leaf=lambda a: isinstance(a, list))
+    state = State(motion, jnp.full((1, 4), 0.000122362286421210), Mode.STICK * four, FLAT * four)
+    model, periods = lane_models(scenes)
+    fixed = Fixed(model, time_grid(jnp.zeros(1), jnp.full(1, float(steps)), periods), jnp.full(1, steps, jnp.int32))
+    lane = lanes_at_start(state, model, method, vmapped)
+    just = jnp.asarray([[number_of(TURN)], [-1], [number_of(TURN)], [-1]], jnp.int32)
+    done = jnp.full(1, 0.752382333793182)
+    lane = dataclasses.replace(lane, step=lane.step + 17, search=lane.search._replace(crossed=just, done=done))
+    after = jax.jit(lambda lane: taylor_trials(lane, fixed, method, vmapped))(lane)
+    assert after.state.case[3, 0] != FLAT
+    np.testing.assert_array_equal(after.state.mode, Mode.STICK)
+    assert after.search.recheck[0]

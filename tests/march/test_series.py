@@ -242,6 +242,13 @@ def test_a_trial_does_not_outlast_a_quick_return():
     assert float(met.end) == pytest.approx(1e-3, abs=1e-12)
 
 
+def test_a_guard_above_zero_is_the_one_that_is_met_in_a_trial_of_no_length():
+    # Once a rejected trial has ended where it began, the next one has no length.
+    guards = [(jnp.asarray(-1.0), jnp.asarray(1.0)), (jnp.asarray(1e-6), jnp.asarray(-1e-7))]
+    met = first_event(guards, jnp.asarray(0.0), jnp.asarray(False), jnp.int32(4))
+    assert (bool(met.fire), int(met.which)) == (True, 1)
+
+
 @pytest.mark.release
 @pytest.mark.full
 def test_rocking_of_light_blades_is_that_of_the_fine_march(table1):
