@@ -8,7 +8,7 @@ import hashlib
 import io
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 RESUME, DESCRIPTION_FILE = "resume", "zarr.json"
 SWEEP, BLOCKED, OTHERS, CHECKSUM = "sweep", "arrays of blocks", "other arrays", "checksum"  # attributes of `resume`
-Lanes = tuple[slice, ...]  # along each dimension of a grid of lanes
-ChatterReport = list[Any]  # the place of the first lane whose events alternate, along each dimension, and a text
+Lanes = tuple[slice, ...]  # along each dimension of a grid of lanes, which are the first dimensions of arrays of blocks
+ChatterReport = list[Any]  # the place of the first lane whose events alternate, and a text
 
 
 class BlockRecord(NamedTuple):
@@ -49,51 +49,35 @@ def write_record(path: Path, record: BlockRecord, arrays: "Mapping[str, zarr.Arr
     about = {
         "at": [[lanes.start, lanes.stop] for lanes in record.at],
         "report": record.report,
-        CHECKSUM: _values_checksum(path.stem, record.at, arrays),
+        CHECKSUM: _values_checksum(path, record.at, arrays),
     }
     content = io.BytesIO()
-    np.savez(content, *record.handover, about=np.array(json.dumps(about)))
+    np.savez(content, *record.handover, about=json.dumps(about))
     write(path, content.getbuffer(), is_result=False)
 
 
 def read_record(path: Path, arrays: "Mapping[str, zarr.Array]") -> BlockRecord | None:
     """A record; None if there is none, or if the store has other values."""
     try:
-        with np.load(io.BytesIO(_content(path))) as entries:
+        with open_regular(path) as file, np.load(file) as entries:
             text, *handover = entries.values()
         about = json.loads(str(text))
         at = tuple(slice(*ends) for ends in about["at"])
-        agrees = about[CHECKSUM] == _values_checksum(path.stem, at, arrays)
+        agrees = about[CHECKSUM] == _values_checksum(path, at, arrays)
         return BlockRecord(at, about["report"], handover) if agrees else None
     except Exception:  # of any type: it depends on where the record or an array is damaged
         return None
 
 
-def _values_checksum(name: str, at: Lanes, arrays: "Mapping[str, zarr.Array]") -> str:
-    total = hashlib.sha256(name.encode())
-    for variable, part in parts_of_arrays(arrays, at):
-        total.update(np.asarray(arrays[variable][part]).tobytes())
+def _values_checksum(path: Path, at: Lanes, arrays: "Mapping[str, zarr.Array]") -> str:
+    total = hashlib.sha256(path.stem.encode())
+    for array in arrays.values():
+        total.update(np.asarray(array[at]).tobytes())
     return total.hexdigest()
 
 
-def parts_of_arrays(arrays: "Mapping[str, zarr.Array]", at: Lanes) -> Iterator[tuple[str, tuple[slice, ...]]]:
-    """The arrays that some lanes have values in, the statuses last, each with the place of these values.
-
-    The values of an array that lacks a dimension of the lanes are those of the first lanes along that dimension.
-    """
-    part = dict(zip(_dimensions(arrays["status"]), at, strict=True))
-    for name in sorted(arrays, key="status".__eq__):
-        dims = _dimensions(arrays[name])
-        if not any(lanes.start for dim, lanes in part.items() if dim not in dims):
-            yield name, tuple(part.get(dim, slice(None)) for dim in dims)
-
-
-def _dimensions(array: "zarr.Array") -> Sequence[str]:
-    return getattr(array.metadata, "dimension_names", None) or ()
-
-
 def sweep_arrays(store: Path) -> "dict[str, zarr.Array]":
-    """The arrays that are made of blocks; none where a description or another array is not as it was written."""
+    """The arrays of blocks, the statuses last; none where a description or another array is not as it was written."""
     stored = group_attributes(store / RESUME)
     try:
         return _opened(store, stored[BLOCKED]) if stored[CHECKSUM] == arrays_checksum(store, stored) else {}
@@ -115,7 +99,9 @@ def _opened(store: Path, names: Iterable[str]) -> "dict[str, zarr.Array]":
     import zarr
 
     with zarr.config.set({"array.write_empty_chunks": True}):  # else the sign of zeros is lost with their chunk
-        return {name: zarr.open_array(store / name, mode="r+", zarr_format=3) for name in names}
+        return {
+            name: zarr.open_array(store / name, mode="r+", zarr_format=3) for name in sorted(names, key="status".__eq__)
+        }
 
 
 def store_damage(store: Path) -> str:

@@ -9,11 +9,10 @@ import fcntl
 import json
 import os
 import re
-import stat
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,7 +27,6 @@ from jaxshroud.io.block_records import (
     Lanes,
     arrays_checksum,
     group_attributes,
-    parts_of_arrays,
     read_record,
     record_path,
     sweep_arrays,
@@ -44,7 +42,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 MOST_DIFFERENCES = 4  # differences shown
-LOCK = f"{RESUME}/lock"
 LEFT, ZARR_LEFT = r"\.jaxshroud-[0-9a-f]{32}\.partial", r"\.[0-9a-f]{32}\.partial"  # ends of names of temporary files
 # The files of a store, and those that it has before it says of which sweep it is; as paths within it.
 STORE_FILE = re.compile(
@@ -54,24 +51,18 @@ STORE_FILE = re.compile(
 FIRST_FILE = re.compile(rf"resume/(lock|\.zarr\.json{LEFT})")
 
 
-class LaneDimension(NamedTuple):
-    """The number of lanes along a dimension of the grid, and of a block."""
-
-    whole: int
-    block: int
-
-
 @contextmanager
 def open_unfinished(
-    path: Path, lanes: Mapping[str, LaneDimension], about: Mapping[str, str], coords: Mapping[str, object]
+    path: Path, about: Mapping[str, str], known: "xr.Dataset", shape: tuple[int, ...], block: tuple[int, ...]
 ) -> Iterator["Unfinished"]:
     """A store that is continued, or a new one, to which no other process writes meanwhile.
 
     Args:
         path: The folder of the store.
-        lanes: The dimensions of the lanes.
         about: The identity of the sweep, name -> value; a store of another sweep is refused.
-        coords: The coordinates of the dataset, as xarray takes them.
+        known: The attributes, coordinates and variables that are known before any lane has run.
+        shape: The numbers of lanes along all dimensions of the lanes.
+        block: The same of a block, unless the store has blocks already.
 
     Raises:
         StoreError: The path holds the store of another sweep or no store, or is in use.
@@ -82,19 +73,18 @@ def open_unfinished(
     with _locked(path):
         _refuse_other(path, about)
         for file in _own_files(path):
-            if file.name.endswith(".partial"):
+            if file.suffix == ".partial":
                 file.unlink()
-        yield Unfinished(path, lanes, about, coords)
+        yield Unfinished(path, about, known, shape, block)
 
 
 def _refuse_foreign(path: Path) -> None:
     """Raise StoreError if a folder holds anything that may not have been written by a sweep."""
-    foreign = sorted({*_files_within(path)} - {*_own_files(path)})
+    foreign = {part for part in path.rglob("*") if part.is_symlink() or not part.is_dir()}.difference(_own_files(path))
     if foreign:
-        name = foreign[0].relative_to(path).as_posix()
         raise StoreError(
-            f"{path}: holds {name!r}, which is not of a store that a sweep has begun, "
-            "and stays as it is; choose another --out"
+            f"{path}: holds {min(foreign).relative_to(path).as_posix()!r}, which is not of a store that a sweep has "
+            "begun, and stays as it is; choose another --out"
         )
 
 
@@ -103,40 +93,37 @@ def _own_files(path: Path) -> list[Path]:
     names = STORE_FILE if store_identity(path) else FIRST_FILE
     return [
         file
-        for file in _files_within(path)
-        if names.fullmatch(file.relative_to(path).as_posix()) and stat.S_ISREG(file.lstat().st_mode)
+        for file in path.rglob("*")
+        if names.fullmatch(file.relative_to(path).as_posix()) and file.is_file() and not file.is_symlink()
     ]
-
-
-def _files_within(path: Path) -> list[Path]:
-    """All that is no folder in a folder and in those within; links are not followed."""
-    found = [Path(folder, name) for folder, folders, names in os.walk(path) for name in [*folders, *names]]
-    return [file for file in found if file.is_symlink() or not file.is_dir()]
 
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
     """A context in which no other process writes to the store."""
-    lock_path = path / LOCK
+    lock_path = path / RESUME / "lock"
     with _writing_errors(path):
         lock_path.parent.mkdir(parents=True, exist_ok=True)
         lock = open_regular(lock_path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW)
     with lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            has_lock = os.path.samestat(os.fstat(lock.fileno()), lock_path.stat())  # not of a file removed meanwhile
+            is_removed = not os.path.samestat(os.fstat(lock.fileno()), lock_path.stat())
         except (BlockingIOError, FileNotFoundError):
-            has_lock = False
-        if not has_lock:
+            is_removed = True
+        if is_removed:
             raise StoreError(f"{path}: another process is writing to it; wait, or choose another --out")
         yield
 
 
 def _refuse_other(path: Path, about: Mapping[str, str]) -> None:
     """Raise StoreError with the differences between the sweep that a store is of, if any, and a new one."""
-    stored = store_identity(path)
-    names = dict.fromkeys([*about, *stored]) if stored else ()
-    changes = [f"{n} was {stored.get(n)}, is {about.get(n)}" for n in names if stored.get(n) != about.get(n)]
+    stored = store_identity(path) or about
+    changes = [
+        f"{name} was {stored.get(name)}, is {about.get(name)}"
+        for name in {**about, **stored}
+        if stored.get(name) != about.get(name)
+    ]
     if changes:
         more = f" and {len(changes) - MOST_DIFFERENCES} more" if len(changes) > MOST_DIFFERENCES else ""
         shown = "; ".join(changes[:MOST_DIFFERENCES]) + more
@@ -147,35 +134,33 @@ class Unfinished:
     """A store that this process has locked."""
 
     def __init__(
-        self, path: Path, lanes: Mapping[str, LaneDimension], about: Mapping[str, str], coords: Mapping[str, object]
+        self, path: Path, about: Mapping[str, str], known: "xr.Dataset", shape: tuple[int, ...], block: tuple[int, ...]
     ):
-        import xarray as xr
-
-        self.path, self.lanes, self.about = path, lanes, about
-        self.coords = {str(name): variable for name, variable in xr.Dataset(coords=coords).variables.items()}
+        self.path, self.about, self.known, self.shape = path, about, known, shape
         self.arrays = sweep_arrays(path) if group_attributes(path) else {}
+        self.block = self.arrays["status"].chunks if self.arrays else block
         if not store_identity(path):
-            self._describe(())
+            self._describe([], [])
 
     def begun(self, block: Lanes) -> BlockRecord | None:
         """The record of the finished part of a block; None if there is none, and no lane of the block counts as run."""
         path = record_path(self.path, block)
         record = read_record(path, self.arrays)
-        if record is None and self.arrays:
+        if record is None:
             with _writing_errors(self.path):
                 path.unlink(missing_ok=True)
-                for name, part in reversed([*parts_of_arrays(self.arrays, block)]):
-                    self.arrays[name][part] = self.arrays[name].fill_value
+                for array in reversed(self.arrays.values()):
+                    array[block] = array.fill_value
         return record
 
     def write(self, block: Lanes, at: Lanes, data: "xr.Dataset", record: BlockRecord) -> None:
         """Store the values of some lanes of a block, and then its record."""
         with _writing_errors(self.path):
             if not self.arrays:
-                self._create(data)
+                self._create(data.drop_vars([*self.known.variables], errors="ignore"))
                 self.begun(block)
-            for name, part in parts_of_arrays(self.arrays, at):
-                self.arrays[name][part] = data[name].to_numpy()
+            for name, array in self.arrays.items():
+                array[at] = data[name].to_numpy()
             write_record(record_path(self.path, block), record, self.arrays)
 
     def finish(self, attrs: Mapping[str, object], more: "Mapping[str, xr.Variable]") -> None:
@@ -183,45 +168,45 @@ class Unfinished:
         with _writing_errors(self.path):
             for name, variable in more.items():
                 self._write_array(name, variable)
-        self._describe(self.arrays, more)
+        self._describe(self.arrays, [*self.known.variables, *more])
         write_attributes(self.path, attrs)
 
     def _create(self, data: "xr.Dataset") -> None:
-        """Create all arrays, with values only for coordinates. The description that makes them a store comes last."""
-        for name, variable in self.coords.items():
-            self._write_array(name, variable)
-        for name, variable in data.data_vars.items():
-            sizes = [self.lanes.get(str(dim), LaneDimension(n, n)) for dim, n in variable.sizes.items()]
-            self._write_array(str(name), variable.variable, sizes)
-        self._describe([*map(str, data.data_vars)])
-        _write_group(self.path, {**data.attrs, "complete": 0})
+        """Create all arrays, with what is known alone. The description that makes them a store comes last."""
+        for name, variable in self.known.variables.items():
+            self._write_array(str(name), variable)
+        for name, variable in data.variables.items():
+            self._write_array(str(name), variable, self.shape, self.block)
+        self._describe(data.variables, self.known.variables)
+        _write_group(self.path, {**data.attrs, **self.known.attrs, "complete": 0})
         self.arrays = sweep_arrays(self.path)
 
-    def _write_array(self, name: str, variable: "xr.Variable", sizes: Sequence[LaneDimension] = ()) -> None:
-        """Write an array, without values if it is made of blocks, of which `sizes` are given: no lane of it has run."""
+    def _write_array(
+        self, name: str, variable: "xr.Variable", lanes: tuple[int, ...] = (), block: tuple[int, ...] = ()
+    ) -> None:
+        """Write an array, or one of so many lanes in blocks, of which none has run."""
         import zarr
 
         (self.path / name / DESCRIPTION_FILE).unlink(missing_ok=True)
         kind = variable.dtype.kind
+        others = variable.shape[len(lanes) :]
         array = zarr.create_array(
             store=self.path / name,
-            shape=tuple(n for n, _ in sizes) or variable.shape,
-            chunks=tuple(block for _, block in sizes) or variable.shape,
+            shape=(*lanes, *others),
+            chunks=(*block, *others),
             dtype=str if kind == "U" else variable.dtype,
-            fill_value=Status.NOT_RUN if name == "status" else {"f": np.nan, "U": ""}.get(kind, 0),
+            fill_value=Status.NOT_RUN if name == "status" else np.nan if kind == "f" else None,
             dimension_names=[*map(str, variable.dims)],
             attributes=json_values(variable.attrs),
             zarr_format=3,
         )
-        if not sizes:
-            array[...] = variable.to_numpy().astype(object) if kind == "U" else variable.to_numpy()
+        if not lanes:
+            array[...] = variable.to_numpy()
 
-    def _describe(self, blocked: Iterable[str], more: Iterable[str] = ()) -> None:
+    def _describe(self, blocked: Iterable[object], others: Iterable[object]) -> None:
         """Write what identifies the sweep, and which arrays there are."""
-        about: dict[str, Any] = {SWEEP: self.about, BLOCKED: [*blocked], OTHERS: [*self.coords, *more]}
-        if about[BLOCKED]:
-            about[CHECKSUM] = arrays_checksum(self.path, about)
-        _write_group(self.path / RESUME, about)
+        about = {SWEEP: self.about, BLOCKED: [*blocked], OTHERS: [*others]}
+        _write_group(self.path / RESUME, {**about, CHECKSUM: arrays_checksum(self.path, about)})
 
 
 def store_identity(path: Path) -> dict[str, str]:
@@ -240,7 +225,7 @@ def write_attributes(path: Path, attrs: Mapping[str, object]) -> None:
 
 def _write_group(path: Path, attrs: Mapping[str, object]) -> None:
     """Write the description of a Zarr group."""
-    group = {"zarr_format": 3, "node_type": "group", "attributes": json_values(dict(attrs))}
+    group = {"zarr_format": 3, "node_type": "group", "attributes": json_values(attrs)}
     write(path / DESCRIPTION_FILE, json.dumps(group, indent=1).encode(), is_result=False)
 
 
@@ -267,6 +252,4 @@ def _writing_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if isinstance(error, StoreError):
-            raise
-        raise write_error(path, error) from None
+        raise error if isinstance(error, StoreError) else write_error(path, error) from None
