@@ -13,9 +13,16 @@ from typing import TYPE_CHECKING, Any, TypeAlias, overload
 import numpy as np
 
 from jaxshroud.batch.limits import check_memory
-from jaxshroud.io.block_records import BLOCKED, DESCRIPTION_FILE, OTHERS, RESUME, group_attributes, store_damage
 from jaxshroud.io.files import write
 from jaxshroud.io.left_out import packages_left_out
+from jaxshroud.io.unfinished_store import (
+    BLOCKED,
+    DESCRIPTION_FILE,
+    OTHERS,
+    RESUME,
+    group_attributes,
+    store_damage,
+)
 from jaxshroud.scene.checks import StoreError
 from jaxshroud.whole_file import open_regular
 
@@ -125,12 +132,13 @@ def _checked_texts(ds: "xr.Dataset") -> "xr.Dataset":
     Raises:
         ValueError: A text is not UTF-8.
     """
-    attributes = {"its attributes": ds.attrs, **{str(name): v.attrs for name, v in ds.variables.items()}}
-    texts = [(where, [*attrs, *attrs.values()]) for where, attrs in attributes.items()]
-    texts += [(str(name), [name, v.to_numpy() if v.dtype.kind in "OU" else ""]) for name, v in ds.variables.items()]
-    for where, values in texts:
+    texts: dict[str, Any] = {"its attributes": ds.attrs}
+    for name, variable in ds.variables.items():
+        values = variable.to_numpy().tolist() if variable.dtype.kind in "OU" else ()
+        texts[str(name)] = [name, variable.attrs, values]
+    for where, part in texts.items():
         try:
-            "".join(str(part) for value in values for part in np.ravel(value)).encode()
+            json.dumps(part, ensure_ascii=False, default=lambda value: [*map(str, np.ravel(value))]).encode()
         except UnicodeEncodeError:
             raise ValueError(f"text that is not UTF-8 in {where!a}") from None
     return ds

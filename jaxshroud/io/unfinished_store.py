@@ -1,46 +1,38 @@
 """A store of a sweep that grows part by part, and from which the sweep resumes if it is killed at any moment.
 
-It is a Zarr store with one array for each variable and one chunk for each block of lanes. Part of a block is finished
-when the record of the block says so, which is written after the values. A lock on a file, which ends with the process
-that holds it, keeps other processes from writing.
+It is a Zarr store with one array for each variable and one chunk for each block of lanes. Its group `resume` has the
+identity of the sweep and the names of the arrays as attributes, and a record of each block: which of its lanes are
+finished, with a checksum of their values, and what the lanes after them need. The record is written after the values.
+A lock on a file, which ends with the process that holds it, keeps other processes from writing. Each file appears
+completely or not at all.
 """
 
 import fcntl
+import hashlib
+import io
 import json
+import math
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from jaxshroud.io.block_records import (
-    BLOCKED,
-    CHECKSUM,
-    DESCRIPTION_FILE,
-    OTHERS,
-    RESUME,
-    SWEEP,
-    BlockRecord,
-    Lanes,
-    arrays_checksum,
-    group_attributes,
-    read_record,
-    record_path,
-    sweep_arrays,
-    write_record,
-)
 from jaxshroud.io.files import write, write_error
-from jaxshroud.io.store import json_values
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.checks import StoreError
 from jaxshroud.whole_file import open_regular
 
 if TYPE_CHECKING:
     import xarray as xr
+    import zarr
 
+RESUME, DESCRIPTION_FILE = "resume", "zarr.json"
+SWEEP, BLOCKED, OTHERS, CHECKSUM = "sweep", "arrays of blocks", "other arrays", "checksum"  # attributes of `resume`
 MOST_DIFFERENCES = 4  # differences shown
 LEFT, ZARR_LEFT = r"\.jaxshroud-[0-9a-f]{32}\.partial", r"\.[0-9a-f]{32}\.partial"  # ends of names of temporary files
 # The files of a store, and those that it has before it says of which sweep it is; as paths within it.
@@ -49,6 +41,16 @@ STORE_FILE = re.compile(
     rf"|[^/]+/(zarr(\.json|{ZARR_LEFT})|c(/\d+)*({ZARR_LEFT})?)"
 )
 FIRST_FILE = re.compile(rf"resume/(lock|\.zarr\.json{LEFT})")
+Lanes = tuple[slice, ...]  # along each dimension of a grid of lanes, which are the first dimensions of arrays of blocks
+ChatterReport = list[Any]  # the place of the first lane whose events alternate, and a text
+
+
+class BlockRecord(NamedTuple):
+    """The finished part of a block."""
+
+    at: Lanes
+    reports: Sequence[ChatterReport]  # at most one
+    handover: Sequence[np.ndarray]  # to the lanes that continue from these
 
 
 @contextmanager
@@ -68,14 +70,32 @@ def open_unfinished(
         StoreError: The path holds the store of another sweep or no store, or is in use.
         WriteError: The path cannot be written.
     """
-    if not store_identity(path):
+    if not _identity(path):
         _refuse_foreign(path)
     with _locked(path):
-        _refuse_other(path, about)
+        stored = _identity(path)
+        if stored:
+            _refuse_other(path, stored, about)
         for file in _own_files(path):
             if file.suffix == ".partial":
                 file.unlink()
-        yield Unfinished(path, about, known, shape, block)
+        arrays = _sweep_arrays(path) if group_attributes(path) else {}
+        store = Unfinished(
+            path=path,
+            about=about,
+            known=known,
+            shape=shape,
+            block=arrays["status"].chunks if arrays else block,
+            arrays=arrays,
+        )
+        if not stored:
+            store.describe([], [])
+        yield store
+
+
+def _identity(path: Path) -> dict[str, str]:
+    """The identity of the sweep that a store belongs to; empty if there is no store."""
+    return group_attributes(path / RESUME).get(SWEEP, {})
 
 
 def _refuse_foreign(path: Path) -> None:
@@ -90,7 +110,7 @@ def _refuse_foreign(path: Path) -> None:
 
 def _own_files(path: Path) -> list[Path]:
     """The files in a folder that a sweep writes: without an identity, those of its first moment alone."""
-    names = STORE_FILE if store_identity(path) else FIRST_FILE
+    names = STORE_FILE if _identity(path) else FIRST_FILE
     return [
         file
         for file in path.rglob("*")
@@ -108,44 +128,41 @@ def _locked(path: Path) -> Iterator[None]:
     with lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            is_removed = not os.path.samestat(os.fstat(lock.fileno()), lock_path.stat())
+            is_locked = os.path.samestat(os.fstat(lock.fileno()), lock_path.stat())  # not a file removed meanwhile
         except (BlockingIOError, FileNotFoundError):
-            is_removed = True
-        if is_removed:
+            is_locked = False
+        if not is_locked:
             raise StoreError(f"{path}: another process is writing to it; wait, or choose another --out")
         yield
 
 
-def _refuse_other(path: Path, about: Mapping[str, str]) -> None:
-    """Raise StoreError with the differences between the sweep that a store is of, if any, and a new one."""
-    stored = store_identity(path) or about
+def _refuse_other(path: Path, stored: Mapping[str, str], about: Mapping[str, str]) -> None:
+    """Raise StoreError with the differences between the sweep that a store is of and a new one, if there are any."""
     changes = [
         f"{name} was {stored.get(name)}, is {about.get(name)}"
         for name in {**about, **stored}
         if stored.get(name) != about.get(name)
     ]
     if changes:
-        more = f" and {len(changes) - MOST_DIFFERENCES} more" if len(changes) > MOST_DIFFERENCES else ""
-        shown = "; ".join(changes[:MOST_DIFFERENCES]) + more
+        shown = "; ".join(changes[:MOST_DIFFERENCES]) + " and more" * (len(changes) > MOST_DIFFERENCES)
         raise StoreError(f"{path}: is of another sweep: {shown}; choose another --out, or --force to replace it")
 
 
+@dataclass
 class Unfinished:
     """A store that this process has locked."""
 
-    def __init__(
-        self, path: Path, about: Mapping[str, str], known: "xr.Dataset", shape: tuple[int, ...], block: tuple[int, ...]
-    ):
-        self.path, self.about, self.known, self.shape = path, about, known, shape
-        self.arrays = sweep_arrays(path) if group_attributes(path) else {}
-        self.block = self.arrays["status"].chunks if self.arrays else block
-        if not store_identity(path):
-            self._describe([], [])
+    path: Path
+    about: Mapping[str, str]
+    known: "xr.Dataset"
+    shape: tuple[int, ...]
+    block: tuple[int, ...]
+    arrays: "dict[str, zarr.Array]"
 
     def begun(self, block: Lanes) -> BlockRecord | None:
         """The record of the finished part of a block; None if there is none, and no lane of the block counts as run."""
-        path = record_path(self.path, block)
-        record = read_record(path, self.arrays)
+        path = self._record_path(block)
+        record = _read_record(path, self.arrays)
         if record is None:
             with _writing_errors(self.path):
                 path.unlink(missing_ok=True)
@@ -161,15 +178,31 @@ class Unfinished:
                 self.begun(block)
             for name, array in self.arrays.items():
                 array[at] = data[name].to_numpy()
-            write_record(record_path(self.path, block), record, self.arrays)
+            path = self._record_path(block)
+            about = {
+                "at": [[lanes.start, lanes.stop] for lanes in record.at],
+                "reports": record.reports,
+                CHECKSUM: _values_checksum(path, record.at, self.arrays),
+            }
+            content = io.BytesIO()
+            np.savez(content, *record.handover, about=json.dumps(about))
+            write(path, content.getbuffer(), is_result=False)
 
     def finish(self, attrs: Mapping[str, object], more: "Mapping[str, xr.Variable]") -> None:
         """Write the attributes and the further variables that are known when all blocks are finished."""
         with _writing_errors(self.path):
             for name, variable in more.items():
                 self._write_array(name, variable)
-        self._describe(self.arrays, [*self.known.variables, *more])
+        self.describe(self.arrays, [*self.known.variables, *more])
         write_attributes(self.path, attrs)
+
+    def describe(self, blocked: Iterable[object], others: Iterable[object]) -> None:
+        """Write what identifies the sweep, and which arrays there are."""
+        about = {SWEEP: self.about, BLOCKED: [*blocked], OTHERS: [*others]}
+        _write_group(self.path / RESUME, {**about, CHECKSUM: _arrays_checksum(self.path, about)})
+
+    def _record_path(self, block: Lanes) -> Path:
+        return self.path / RESUME / f"{'-'.join(str(lanes.start) for lanes in block)}.npz"
 
     def _create(self, data: "xr.Dataset") -> None:
         """Create all arrays, with what is known alone. The description that makes them a store comes last."""
@@ -177,9 +210,9 @@ class Unfinished:
             self._write_array(str(name), variable)
         for name, variable in data.variables.items():
             self._write_array(str(name), variable, self.shape, self.block)
-        self._describe(data.variables, self.known.variables)
+        self.describe(data.variables, self.known.variables)
         _write_group(self.path, {**data.attrs, **self.known.attrs, "complete": 0})
-        self.arrays = sweep_arrays(self.path)
+        self.arrays = _sweep_arrays(self.path)
 
     def _write_array(
         self, name: str, variable: "xr.Variable", lanes: tuple[int, ...] = (), block: tuple[int, ...] = ()
@@ -197,21 +230,11 @@ class Unfinished:
             dtype=str if kind == "U" else variable.dtype,
             fill_value=Status.NOT_RUN if name == "status" else np.nan if kind == "f" else None,
             dimension_names=[*map(str, variable.dims)],
-            attributes=json_values(variable.attrs),
+            attributes=_plain(variable.attrs),
             zarr_format=3,
         )
         if not lanes:
             array[...] = variable.to_numpy()
-
-    def _describe(self, blocked: Iterable[object], others: Iterable[object]) -> None:
-        """Write what identifies the sweep, and which arrays there are."""
-        about = {SWEEP: self.about, BLOCKED: [*blocked], OTHERS: [*others]}
-        _write_group(self.path / RESUME, {**about, CHECKSUM: arrays_checksum(self.path, about)})
-
-
-def store_identity(path: Path) -> dict[str, str]:
-    """The identity of the sweep that a store belongs to; empty if there is no store."""
-    return group_attributes(path / RESUME).get(SWEEP, {})
 
 
 def write_attributes(path: Path, attrs: Mapping[str, object]) -> None:
@@ -223,10 +246,91 @@ def write_attributes(path: Path, attrs: Mapping[str, object]) -> None:
     _write_group(path, {**group_attributes(path), **attrs})
 
 
+def group_attributes(group: Path) -> dict[str, Any]:
+    """The attributes of a Zarr group; empty if there is no such group."""
+    try:
+        return dict(json.loads(_content(group / DESCRIPTION_FILE))["attributes"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+
+
 def _write_group(path: Path, attrs: Mapping[str, object]) -> None:
     """Write the description of a Zarr group."""
-    group = {"zarr_format": 3, "node_type": "group", "attributes": json_values(attrs)}
+    group = {"zarr_format": 3, "node_type": "group", "attributes": _plain(attrs)}
     write(path / DESCRIPTION_FILE, json.dumps(group, indent=1).encode(), is_result=False)
+
+
+def _plain(attrs: Mapping[Any, object]) -> dict[str, Any]:
+    """Attributes as JSON holds them: without arrays and numbers of NumPy."""
+    return {name: np.asarray(value).tolist() for name, value in attrs.items()}
+
+
+def _content(path: Path) -> bytes:
+    with open_regular(path) as file:
+        return file.read()
+
+
+def _read_record(path: Path, arrays: "Mapping[str, zarr.Array]") -> BlockRecord | None:
+    """A record; None if there is none, or if the store has other values."""
+    try:
+        with open_regular(path) as file, np.load(file) as entries:
+            text, *handover = entries.values()
+        about = json.loads(str(text))
+        at = tuple(slice(*ends) for ends in about["at"])
+        agrees = about[CHECKSUM] == _values_checksum(path, at, arrays)
+        return BlockRecord(at, about["reports"], handover) if agrees else None
+    except Exception:  # of any type: it depends on where the record or an array is damaged
+        return None
+
+
+def _values_checksum(path: Path, at: Lanes, arrays: "Mapping[str, zarr.Array]") -> str:
+    """The checksum of the name of a record, and of the values of its lanes."""
+    total = hashlib.sha256(path.stem.encode())
+    for array in arrays.values():
+        total.update(np.asarray(array[at]).tobytes())
+    return total.hexdigest()
+
+
+def _sweep_arrays(store: Path) -> "dict[str, zarr.Array]":
+    """The arrays of blocks, the statuses last; none where a description or another array is not as it was written."""
+    stored = group_attributes(store / RESUME)
+    try:
+        return _opened(store, stored[BLOCKED]) if stored[CHECKSUM] == _arrays_checksum(store, stored) else {}
+    except Exception:  # of any type, as above
+        return {}
+
+
+def _arrays_checksum(store: Path, names: Mapping[str, Any]) -> str:
+    """The checksum of the descriptions of all arrays, and of the values of those that are not made of blocks."""
+    total = hashlib.sha256()
+    for name in (*names[BLOCKED], *names[OTHERS]):
+        total.update(_content(store / name / DESCRIPTION_FILE))
+    for array in _opened(store, names[OTHERS]).values():
+        total.update(repr(np.asarray(array[...]).tolist()).encode())
+    return total.hexdigest()
+
+
+def _opened(store: Path, names: Iterable[str]) -> "dict[str, zarr.Array]":
+    import zarr
+
+    with zarr.config.set({"array.write_empty_chunks": True}):  # else the sign of zeros is lost with their chunk
+        return {
+            name: zarr.open_array(store / name, mode="r+", zarr_format=3) for name in sorted(names, key="status".__eq__)
+        }
+
+
+def store_damage(store: Path) -> str:
+    """A description of the damage to a store; empty if there is none. Every chunk is read."""
+    arrays = _sweep_arrays(store)
+    if not arrays:
+        return "a description, a coordinate or the list of them is missing or has another checksum"
+    missing = arrays["status"].size if group_attributes(store).get("complete") else 0
+    for path in sorted((store / RESUME).glob("*.npz")):
+        record = _read_record(path, arrays)
+        if record is None:
+            return f"the block of {path.relative_to(store)} or this record is missing or has another checksum"
+        missing -= math.prod(lanes.stop - lanes.start for lanes in record.at)
+    return "the record of a block is missing" if missing > 0 else ""
 
 
 def remove_store(path: Path) -> None:

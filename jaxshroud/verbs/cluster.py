@@ -16,19 +16,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, no_type_check
 
-import jax
-
-from jaxshroud.batch.threads import thread_settings
+from jaxshroud.batch.threads import MachineIdentity, machine_identity, thread_settings
 from jaxshroud.scene.checks import InputError, MachineError, StoreError
-from jaxshroud.version import __version__
 from jaxshroud.whole_file import open_regular
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-FILE_SUFFIX = ".json"  # of the file that a scheduler writes
 LOCAL_SCHEDULER = re.compile(r"local:([1-9]\d*)")
-MachineIdentity = dict[str, str]
 
 
 @dataclass
@@ -55,16 +50,29 @@ def connected_client(scheduler: str) -> Iterator["Client"]:
     """
     if find_spec("distributed") is None:
         raise InputError("A scheduler needs Dask distributed; install it by pip install 'jaxshroud[cluster]'")
-    local_match = LOCAL_SCHEDULER.fullmatch(scheduler)
-    if local_match is None and not ("://" in scheduler or scheduler.endswith(FILE_SUFFIX)):
+    local = LOCAL_SCHEDULER.fullmatch(scheduler)
+    is_file = scheduler.endswith(".json")
+    if not (local or is_file or "://" in scheduler):
         raise InputError(
             "Argument `scheduler` must be an address such as tcp://host:8786, the file of a scheduler (.json) or "
             f"local:N with N workers, but is {scheduler}."
         )
+    from distributed import Client, LocalCluster
+
+    for name in ("distributed", "distributed.client"):  # the client's logger has a level of its own
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # errors are reported in one line instead
     try:
         with ExitStack() as stack:
-            address = _address_in_file(scheduler) if scheduler.endswith(FILE_SUFFIX) else scheduler
-            yield _new_client(stack, address, local_match and int(local_match[1]))
+            address = _address_in_file(scheduler) if is_file else scheduler
+            if local:
+                options: Any = {"memory_limit": 0, "dashboard_address": None, "silence_logs": logging.CRITICAL}
+                cluster: Any = LocalCluster(n_workers=int(local[1]), threads_per_worker=1, **options)
+                address = stack.enter_context(cluster).scheduler_address
+            _await_answer(address)
+            client = stack.enter_context(Client(address, set_as_default=False))
+            if local:
+                client.run(_ignore_interrupts)
+            yield client
     except (OSError, CancelledError) as error:
         if isinstance(error, StoreError):
             raise
@@ -83,24 +91,17 @@ def _address_in_file(path: str) -> str:
         raise InputError(f"{path}: not the file of a scheduler; `dask scheduler --scheduler-file` writes one") from None
 
 
-def _new_client(stack: ExitStack, address: str, workers: int | None) -> "Client":
-    """A client that lives as long as the stack is open, as do its own `workers` if their number is given.
+def _await_answer(address: str) -> None:
+    """Wait for a scheduler's answer as long as Dask's timeout says; a client would wait without end.
 
     Raises:
         OSError: What has that address is not there, is no scheduler, or does not answer.
     """
     from dask import config
-    from distributed import Client, LocalCluster, rpc
+    from distributed import rpc
     from distributed.utils import LoopRunner
 
-    for name in ("distributed", "distributed.client"):  # the client's logger has a level of its own
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # errors are reported in one line instead
-    if workers is not None:
-        options: Any = {"memory_limit": 0, "dashboard_address": None, "silence_logs": logging.CRITICAL}
-        cluster: Any = LocalCluster(n_workers=workers, threads_per_worker=1, **options)
-        address = stack.enter_context(cluster).scheduler_address
-
-    async def answer() -> None:  # for which a client would wait without end
+    async def answer() -> None:
         async with rpc(address) as scheduler:
             await scheduler.identity()
 
@@ -111,20 +112,11 @@ def _new_client(stack: ExitStack, address: str, workers: int | None) -> "Client"
         raise TimeoutError(f"Timed out waiting for an answer after {limit}") from None
     except Exception as error:  # of any type: it depends on what answers
         raise ConnectionError(error) from None
-    client = stack.enter_context(Client(address, set_as_default=False))
-    if workers is not None:
-        client.run(_ignore_interrupts)
-    return client
 
 
 def _ignore_interrupts() -> None:
     """Make a worker ignore Ctrl-C: this process ends its own workers itself."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def machine_identity() -> MachineIdentity:
-    """The versions and the kind of device, on which the numbers of a sweep depend besides the sweep itself."""
-    return {"version": __version__, "jax": jax.__version__, "device": jax.devices()[0].device_kind}
 
 
 def worker_identity(client: "Client") -> MachineIdentity:
@@ -149,13 +141,10 @@ def _worker_function() -> Callable[..., Any]:
         try:
             import pickle
 
-            import jax
-
             from jaxshroud.batch.compilation_cache import cache_compilations, cache_folder
-            from jaxshroud.batch.threads import jax_settings, single_threaded
-            from jaxshroud.version import __version__
+            from jaxshroud.batch.threads import jax_settings, machine_identity, single_threaded
 
-            own = {"version": __version__, "jax": jax.__version__, "device": jax.devices()[0].device_kind}
+            own = machine_identity()
         except Exception as error:
             return f"a worker lacks what it needs ({type(error).__name__}: {error})"
         wrong = [f"{name} {own[name]}, not {identity[name]}" for name in identity if own[name] != identity[name]]

@@ -9,20 +9,18 @@ from dataclasses import dataclass, field
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
 from jaxshroud.batch.limits import SAMPLE_BYTES, results_size
 from jaxshroud.batch.periods import LANES_PER_CALL
-from jaxshroud.batch.plan import Ticker
 from jaxshroud.batch.runs import SweepHandover
 from jaxshroud.batch.states import initial_states
-from jaxshroud.batch.threads import Interrupted
-from jaxshroud.io.block_records import BlockRecord, ChatterReport, Lanes
+from jaxshroud.batch.threads import Interrupted, machine_identity
 from jaxshroud.io.store import read
-from jaxshroud.io.unfinished_store import Unfinished, open_unfinished
+from jaxshroud.io.unfinished_store import BlockRecord, ChatterReport, Lanes, Unfinished, open_unfinished
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.results.sweep import DIRECTION, SweepResult, compare_directions, in_direction
@@ -35,7 +33,6 @@ from jaxshroud.verbs.cluster import (
     Part,
     compute_on_workers,
     connected_client,
-    machine_identity,
     worker_identity,
 )
 from jaxshroud.verbs.sweep_run import (
@@ -132,20 +129,20 @@ def store_sweep(sweep: SweepTask, path: Path, scheduler: str | None = None) -> S
         MachineError: The scheduler cannot be reached.
         Interrupted: Ctrl-C; `done` is the stored part of the result, None if there is none.
     """
-    grid = sweep.grid
-    known = known_values(grid, sweep.settings.plan)
+    known = known_values(sweep.grid, sweep.settings.plan)
+    shape = sweep.grid.shape
+    on_workers = scheduler is not None
+    at_once = lanes_at_once(sweep, on_workers=on_workers)
+    sizes = block_sizes(sweep, at_once, on_workers=on_workers)
+    if len(sweep.directions) > 1:
+        shape = (len(sweep.directions), *shape)
+        sizes = (1, *sizes)
+        known["coords"] = {DIRECTION: [*sweep.directions], **known["coords"]}
+    about = _identity(sweep, known["attrs"]["scene"])
     with nullcontext() if scheduler is None else connected_client(scheduler) as client:
         identity = machine_identity() if client is None else worker_identity(client)
-        at_once = lanes_at_once(sweep, on_workers=client is not None)
-        shape = grid.shape
-        sizes = block_sizes(sweep, at_once, on_workers=client is not None)
-        if len(sweep.directions) > 1:
-            shape = (len(SINGLE_DIRECTIONS), *shape)
-            sizes = (1, *sizes)
-            known["coords"] = {DIRECTION: list(SINGLE_DIRECTIONS), **known["coords"]}
-        about = _identity(sweep, known["attrs"]["scene"]) | identity
-        with open_unfinished(path, about, SweepResult.from_values({}, **known).data, shape, sizes) as store:
-            run = StoredRun(sweep, store, at_once, on_workers=client is not None)
+        with open_unfinished(path, about | identity, SweepResult.from_values({}, **known).data, shape, sizes) as store:
+            run = StoredRun(sweep, store, at_once, on_workers)
             try:
                 if client is None:
                     for chain in run.chains():
@@ -174,10 +171,11 @@ def block_sizes(sweep: SweepTask, at_once: int, *, on_workers: bool) -> tuple[in
     n = others.pop(sweep.along)
     values, *sizes = _part_sizes((n, *others), at_once)
     if not on_workers:
-        kept, blades = sweep.settings.plan.kept, sweep.grid.lanes.layout.blades
-        lane_bytes = results_size(1, kept, samples=sweep.settings.keep_samples, blades=blades)
-        most = min(sweep.lanes * len(sweep.directions) // MAX_BLOCKS + 1, MAX_BLOCK_BYTES // lane_bytes)
-        values = min(n, values * max(-(-most // (values * math.prod(sizes))), 1))
+        settings = sweep.settings
+        blades = sweep.grid.lanes.layout.blades
+        lane_bytes = results_size(1, settings.plan.kept, samples=settings.keep_samples, blades=blades)
+        most = min(sweep.lanes * len(sweep.directions) // MAX_BLOCKS, MAX_BLOCK_BYTES // lane_bytes)
+        values = min(n, values * (1 + most // (values * math.prod(sizes))))
     sizes.insert(sweep.along, values)
     return tuple(sizes)
 
@@ -204,74 +202,79 @@ class StoredRun:
     store: Unfinished
     at_once: int  # lanes
     on_workers: bool
-    seconds: float = np.inf  # that one continued value took lately
     reports: list[ChatterReport] = field(default_factory=list)
 
     def chains(self) -> Iterator[Chain]:
         """The chains of all parts; parts that continue each other are in one chain. The longest chains come first."""
-        along = self.sweep.along
-        shape = self.sweep.grid.shape
-        sizes = self.store.block[-len(shape) :]
-        axes = [[range(i, min(i + size, n)) for i in range(0, n, size)] for n, size in zip(shape, sizes, strict=True)]
-        inner = axes.pop(along)
-        for direction in reversed(self.sweep.directions):
-            order = -1 if direction == "backward" else 1
-            for others in product(*axes):
-                blocks = [(*others[:along], values[::order], *others[along:]) for values in inner[::order]]
-                for chain in [[block] for block in blocks] if direction == "independent" else [blocks]:
-                    yield self._chain(direction, chain)
-
-    def _chain(self, direction: Direction, blocks: Sequence[tuple[range, ...]]) -> Chain:
-        """Yield the parts of blocks that are not stored yet, one after the other, and store their results."""
         sweep = self.sweep
-        along = sweep.along
-        is_directional = len(sweep.directions) > 1
-        way = SINGLE_DIRECTIONS.index(direction)
-        prefix = (slice(way, way + 1),) if is_directional else ()
+        shape = sweep.grid.shape
+        sizes = self.store.block[-len(shape) :]
+        axes: list[Any] = [
+            [range(n)[i : i + size] for i in range(0, n, size)] for n, size in zip(shape, sizes, strict=True)
+        ]
+        inner = axes[sweep.along]
+        for way, direction in reversed([*enumerate(sweep.directions)]):
+            order = -1 if direction == "backward" else 1
+            blocks = [values[::order] for values in inner[::order]]
+            axes[sweep.along] = [[values] for values in blocks] if direction == "independent" else [blocks]
+            ways = [[range(way, way + 1)]] if len(sweep.directions) > 1 else []
+            for at in product(*ways, *axes):
+                yield self._chain(direction, at)
+
+    def _chain(self, direction: Direction, at: tuple[Any, ...]) -> Chain:
+        """Yield the parts that are not stored yet, one after the other, and store their results.
+
+        Args:
+            direction: The direction.
+            at: The lanes along each dimension; along the axis of the sweep, the values of each block in the direction.
+        """
+        sweep = self.sweep
+        outer = len(at) - len(sweep.grid.shape)  # dimensions before the axes of the grid
+        along = sweep.along + outer
+
+        def lanes(values: range) -> Lanes:
+            axes = (*at[:along], values, *at[along + 1 :])
+            return tuple(slice(min(axis), max(axis) + 1) for axis in axes)
+
+        lanes_per_value = math.prod(map(len, at)) // len(at[along])
         handover = SweepHandover()
-        for block in blocks:
-            n = len(block[along])
-            lanes_per_value = math.prod(map(len, block)) // n
-            whole = (*prefix, *_lanes(block, along, 0, n))
-            done = 0
-            report = None
-            record = self.store.begun(whole)
+        seconds = np.inf  # that a value took lately
+        for values in at[along]:
+            left = values
+            reports = []
+            record = self.store.begun(lanes(values))
             if record is not None:
-                finished = record.at[along - len(block)]
-                done = finished.stop - finished.start
-                report = record.report
+                finished = record.at[along]
+                left = values[finished.stop - finished.start :]
+                reports = record.reports
                 handover = _handover(record, sweep.grid)
-                self._tick(done * lanes_per_value)
-            while done < n:
-                values = max(self.at_once // lanes_per_value, 1)
+                self._tick((len(values) - len(left)) * lanes_per_value)
+            while left:
+                count = self.at_once // lanes_per_value
                 if direction != "independent":
-                    values = min(values, max(int(STRETCH_SECONDS / self.seconds), 1))
-                stop = min(done + values, n)
-                if (n - stop) * lanes_per_value == 1:
-                    stop = n
-                at = _lanes(block, along, done, stop)
-                task = sweep.part(at, direction)
-                if self.on_workers:
-                    task = task._replace(settings=task.settings._replace(ticker=Ticker(0, None)))
+                    count = min(count, int(STRETCH_SECONDS / seconds))
+                count = max(count, 1)
+                if (len(left) - count) * lanes_per_value == 1:
+                    count += 1
+                now = left[:count]
+                left = left[count:]
+                here = lanes(now)
+                task = sweep.part(here[outer:], direction)
                 part = Part(partial(compute_part, task, handover))
                 yield part
                 if self.on_workers:
                     self._tick(task.lanes)
                 result, handover, seconds = part.computed
-                if direction != "independent":
-                    self.seconds = seconds / (stop - done)
-                done = stop
+                seconds /= len(now)
                 text = result.data.attrs.pop("chatter", None)
                 if text is not None:
-                    assert task.grid.numbers is not None
-                    first = task.grid.numbers[np.argmax(result.status.ravel() == Status.TOO_MANY_EVENTS)]
-                    report = min(filter(None, (report, [way, int(first), text])))
-                data = in_direction(result.data, direction) if is_directional else result.data
-                leaves = jax.tree.leaves((handover.state, handover.arrived))
-                finished = (*prefix, *_lanes(block, along, 0, done))
-                self.store.write(whole, (*prefix, *at), data, BlockRecord(finished, report, leaves))
-            if report is not None:
-                self.reports.append(report)
+                    first = np.asarray(task.grid.numbers)[np.argmax(result.status == Status.TOO_MANY_EVENTS)]
+                    reports = sorted([*reports, [SINGLE_DIRECTIONS.index(direction), int(first), text]])[:1]
+                data = in_direction(result.data, direction) if outer else result.data
+                finished = lanes(values[: len(values) - len(left)])
+                record = BlockRecord(finished, reports, jax.tree.leaves(handover))
+                self.store.write(lanes(values), here, data, record)
+            self.reports += reports
 
     def _tick(self, lanes: int) -> None:
         """Report `lanes` more as done."""
@@ -279,52 +282,43 @@ class StoredRun:
         settings.ticker(lanes * lane_periods(settings.plan, self.sweep.grid.precise is not None))
 
 
-def _lanes(block: tuple[range, ...], along: int, first: int, last: int) -> Lanes:
-    """The lanes of a block from the first value to the one before the last, counted in the direction of the sweep."""
-    axes = (*block[:along], block[along][first:last], *block[along + 1 :])
-    return tuple(slice(min(axis), max(axis) + 1) for axis in axes)
-
-
 def _handover(record: BlockRecord, grid: Grid) -> SweepHandover:
     """The handover to the next lanes."""
     if not record.handover:
         return SweepHandover()
-    structure = jax.tree.structure((initial_states(jax.tree.map(lambda a: np.asarray(a)[:1], grid.lanes)), 0))
-    state, arrived = jax.tree.unflatten(structure, record.handover)
-    return SweepHandover(state=state, arrived=arrived)
+    state = initial_states(jax.tree.map(lambda a: a[:1], grid.lanes))
+    return jax.tree.unflatten(jax.tree.structure(SweepHandover(state=state, arrived=np.zeros(1))), record.handover)
 
 
 def _identity(sweep: SweepTask, scene: str) -> dict[str, str]:
     """The text by which a store knows its sweep: everything on which the numbers depend, except the machine."""
     grid, states, direction, settings = sweep
     plan = settings.plan
-    march = {name: str(value) for name, value in settings.march.attributes.items() if name != "march"}  # as in words
-    return {
-        **words_of(scene),
-        **{f"the sweep along {key}": _values_text(values) for key, values in grid.axes.items()},
-        "run.periods": str(plan.kept),
-        **march,
+    method = plan.method
+    arrays = {f"the sweep along {key}": values for key, values in grid.axes.items()}
+    arrays |= {"scenes": grid.lanes if grid.resolved.shape else None, "start": states}
+    numbers = {
+        "run.periods": plan.kept,
+        **settings.march.attributes,
         "direction": direction,
-        "phase": repr(plan.phase),
-        "period_tol": repr(settings.period_tol),
-        "samples": str(settings.keep_samples),
-        "ledger": str(plan.method.ledger),
-        "forces": str(plan.method.forces),
-        **({"amplitudes": "True"} if plan.method.amplitudes else {}),
-        **({"confirm": "True"} if settings.confirm else {}),
-        "lyapunov": str(grid.precise is not None),
-        "scenes": _checksum_text(grid.lanes) if grid.resolved.shape else "one",
-        "start": "the scene's own" if states is None else _checksum_text(states),
+        "phase": plan.phase,
+        "period_tol": settings.period_tol,
+        "samples": settings.keep_samples,
+        "ledger": method.ledger,
+        "forces": method.forces,
+        "amplitudes": method.amplitudes,
+        "confirm": settings.confirm,
+        "lyapunov": grid.precise is not None,
     }
+    texts = {name: str(value) for name, value in numbers.items() if name != "march"}  # which the others say
+    return words_of(scene) | texts | {name: _summary(tree) for name, tree in arrays.items() if tree is not None}
 
 
-def _values_text(values: np.ndarray) -> str:
-    summary = f"{len(values)} values from {values[0]:g} to {values[-1]:g}"
-    return f"{summary} (checksum {zlib.crc32(np.ascontiguousarray(values).tobytes()):08x})"
-
-
-def _checksum_text(tree: object) -> str:
-    return _values_text(np.concatenate([np.ravel(a) for a in jax.tree.leaves(tree)]))
+def _summary(tree: object) -> str:
+    """A text that stands for all numbers of a tree of arrays."""
+    values = np.concatenate([np.ravel(a) for a in jax.tree.leaves(tree)])
+    checksum = zlib.crc32(values.tobytes())
+    return f"{len(values)} values from {values[0]:g} to {values[-1]:g} (checksum {checksum:08x})"
 
 
 def _stored_result(path: Path) -> SweepResult:

@@ -14,8 +14,7 @@ import numpy as np
 import xarray as xr
 import zarr  # noqa: F401  (likewise)
 
-from jaxshroud.io.block_records import BlockRecord
-from jaxshroud.io.unfinished_store import open_unfinished, write_attributes
+from jaxshroud.io.unfinished_store import BlockRecord, open_unfinished, write_attributes
 
 LANES, SIZE = 4, 2
 BLOCKS = [slice(first, first + SIZE) for first in range(0, LANES, SIZE)]  # of lanes, each of which is a part
@@ -37,7 +36,7 @@ def store(path: Path) -> None:
             record = held.begun((lanes,))
             for lane in range(lanes.start if record is None else record.at[0].stop, lanes.stop):
                 part = block(number).isel(gamma=[lane - lanes.start])
-                done = BlockRecord((slice(lanes.start, lane + 1),), None, [])
+                done = BlockRecord((slice(lanes.start, lane + 1),), [], [])
                 held.write((lanes,), (slice(lane, lane + 1),), part, done)
         held.finish({"complete": 1}, {"jump": xr.Variable("gamma", np.zeros(LANES, np.int8))})
     write_attributes(path, {"title": "a test"})

@@ -93,8 +93,8 @@ def test_a_worker_of_other_versions_than_this_process_is_refused(scene, here, tm
 @pytest.mark.parametrize(
     ("lacking", "told"),
     [
-        ("jax", "a worker lacks what it needs (ModuleNotFoundError: "),
-        ("jaxshroud.version", "a worker lacks what it needs (ModuleNotFoundError: "),
+        ("jaxshroud.batch.threads", "a worker lacks what it needs (ModuleNotFoundError: "),
+        ("jaxshroud.batch.compilation_cache", "a worker lacks what it needs (ModuleNotFoundError: "),
     ],
 )
 def test_a_worker_says_what_it_lacks(monkeypatch, lacking, told):
