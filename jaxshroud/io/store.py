@@ -45,13 +45,14 @@ def read(path: str | os.PathLike[str], *, checked: bool = True) -> "xr.Dataset":
     Raises:
         StoreError: The file is missing, truncated, damaged or not a result.
     """
-    if Path(path).suffix == ".zarr":
-        return _read_zarr(Path(path), checked)
-    if Path(path).is_dir():
-        raise StoreError(f"{Path(path)}: is a folder; give the result in it, such as {Path(path) / 'sweep.nc'}")
-    if not Path(path).exists():
+    path = Path(path)
+    if path.suffix == ".zarr":
+        return _read_zarr(path, checked)
+    if path.is_dir():
+        raise StoreError(f"{path}: is a folder; give the result in it, such as {path / 'sweep.nc'}")
+    if not path.exists():
         raise StoreError(f"{path}: no such file; give a result written by jaxshroud")
-    if not Path(path).is_file():
+    if not path.is_file():
         raise StoreError(f"{path}: is no regular file; give a result written by jaxshroud")
     with _half_opened_files_silent():
         found = _netcdf(path)
@@ -120,9 +121,10 @@ def _check_sizes(ds: "xr.Dataset", path: str | os.PathLike[str]) -> None:
 
     with h5py.File(path) as file:
         for name, variable in ds.variables.items():
-            phony = any(str(dim).startswith("phony_dim") for dim in variable.dims)
             stored = file.get(str(name))
-            if phony or (isinstance(stored, h5py.Dataset) and stored.shape != variable.shape):
+            if "phony_dim" in str(variable.dims) or (
+                isinstance(stored, h5py.Dataset) and stored.shape != variable.shape
+            ):
                 raise ValueError(f"{name} has not the size of its dimensions")
 
 

@@ -166,8 +166,8 @@ class Unfinished:
         if record is None:
             with _writing_errors(self.path):
                 path.unlink(missing_ok=True)
-                for array in reversed(self.arrays.values()):
-                    array[block] = array.fill_value
+                for name in sorted(self.arrays, key="status".__ne__):  # the statuses first
+                    self.arrays[name][block] = self.arrays[name].fill_value
         return record
 
     def write(self, block: Lanes, at: Lanes, data: "xr.Dataset", record: BlockRecord) -> None:
@@ -176,8 +176,8 @@ class Unfinished:
             if not self.arrays:
                 self._create(data.drop_vars([*self.known.variables], errors="ignore"))
                 self.begun(block)
-            for name, array in self.arrays.items():
-                array[at] = data[name].to_numpy()
+            for name in sorted(self.arrays, key="status".__eq__):  # the statuses last
+                self.arrays[name][at] = data[name].to_numpy()
             path = self._record_path(block)
             about = {
                 "at": [[lanes.start, lanes.stop] for lanes in record.at],
@@ -292,7 +292,7 @@ def _values_checksum(path: Path, at: Lanes, arrays: "Mapping[str, zarr.Array]") 
 
 
 def _sweep_arrays(store: Path) -> "dict[str, zarr.Array]":
-    """The arrays of blocks, the statuses last; none where a description or another array is not as it was written."""
+    """The arrays of blocks; none where a description or another array is not as it was written."""
     stored = group_attributes(store / RESUME)
     try:
         return _opened(store, stored[BLOCKED]) if stored[CHECKSUM] == _arrays_checksum(store, stored) else {}
@@ -302,21 +302,16 @@ def _sweep_arrays(store: Path) -> "dict[str, zarr.Array]":
 
 def _arrays_checksum(store: Path, names: Mapping[str, Any]) -> str:
     """The checksum of the descriptions of all arrays, and of the values of those that are not made of blocks."""
-    total = hashlib.sha256()
-    for name in (*names[BLOCKED], *names[OTHERS]):
-        total.update(_content(store / name / DESCRIPTION_FILE))
-    for array in _opened(store, names[OTHERS]).values():
-        total.update(repr(np.asarray(array[...]).tolist()).encode())
-    return total.hexdigest()
+    parts: list[Any] = [_content(store / name / DESCRIPTION_FILE) for name in (*names[BLOCKED], *names[OTHERS])]
+    parts += [np.asarray(array[...]).tolist() for array in _opened(store, names[OTHERS]).values()]
+    return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 
 def _opened(store: Path, names: Iterable[str]) -> "dict[str, zarr.Array]":
     import zarr
 
     with zarr.config.set({"array.write_empty_chunks": True}):  # else the sign of zeros is lost with their chunk
-        return {
-            name: zarr.open_array(store / name, mode="r+", zarr_format=3) for name in sorted(names, key="status".__eq__)
-        }
+        return {name: zarr.open_array(store / name, mode="r+", zarr_format=3) for name in names}
 
 
 def store_damage(store: Path) -> str:

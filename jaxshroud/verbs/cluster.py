@@ -65,8 +65,13 @@ def connected_client(scheduler: str) -> Iterator["Client"]:
         with ExitStack() as stack:
             address = _address_in_file(scheduler) if is_file else scheduler
             if local:
-                options: Any = {"memory_limit": 0, "dashboard_address": None, "silence_logs": logging.CRITICAL}
-                cluster: Any = LocalCluster(n_workers=int(local[1]), threads_per_worker=1, **options)
+                cluster: Any = LocalCluster(
+                    n_workers=int(local[1]),
+                    threads_per_worker=1,
+                    memory_limit=0,
+                    dashboard_address=None,  # pyright: ignore[reportArgumentType]  Dask takes it
+                    silence_logs=logging.CRITICAL,
+                )
                 address = stack.enter_context(cluster).scheduler_address
             _await_answer(address)
             client = stack.enter_context(Client(address, set_as_default=False))
@@ -125,7 +130,8 @@ def worker_identity(client: "Client") -> MachineIdentity:
     Raises:
         StoreError: The first worker has other versions, or lacks a package.
     """
-    own = {name: version for name, version in machine_identity().items() if name != "device"}
+    own = machine_identity()
+    del own["device"]
     return _worker_result(client.submit(_worker_function(), own, pure=False))
 
 

@@ -151,10 +151,10 @@ def store_sweep(sweep: SweepTask, path: Path, scheduler: str | None = None) -> S
                 else:
                     compute_on_workers(run.chains(), client, identity)
             except KeyboardInterrupt:
-                raise Interrupted(_stored_result(path) if store.arrays else None) from None
+                raise Interrupted(SweepResult(read(path, checked=False)) if store.arrays else None) from None
             chatter = {"chatter": min(run.reports)[-1]} if run.reports else {}
             store.finish({"complete": 1, **chatter}, compare_directions(read(path, checked=False)))
-    return _stored_result(path)
+    return SweepResult(read(path, checked=False))  # this process has written every block, or compared its checksum
 
 
 def lanes_at_once(sweep: SweepTask, *, on_workers: bool) -> int:
@@ -167,7 +167,7 @@ def lanes_at_once(sweep: SweepTask, *, on_workers: bool) -> int:
 
 def block_sizes(sweep: SweepTask, at_once: int, *, on_workers: bool) -> tuple[int, ...]:
     """The lanes of a block along each axis: a part or, in this process, several parts along the axis of the sweep."""
-    others = list(sweep.grid.shape)
+    others = [*sweep.grid.shape]
     n = others.pop(sweep.along)
     values, *sizes = _part_sizes((n, *others), at_once)
     if not on_workers:
@@ -185,11 +185,7 @@ def _part_sizes(shape: Sequence[int], lanes: int) -> list[int]:
 
     No part is a single lane, which another program would run and round.
     """
-    sizes = []
-    left = lanes
-    for n in reversed(shape):
-        sizes.insert(0, min(n, max(left, 1)))
-        left //= sizes[0]
+    sizes = [min(max(lanes // math.prod(shape[i + 1 :]), 1), n) for i, n in enumerate(shape)]
     is_single = math.prod(shape) > 1 == math.prod(n % size or size for n, size in zip(shape, sizes, strict=True))
     return _part_sizes(shape, lanes + LANES_PER_CALL) if is_single else sizes
 
@@ -319,8 +315,3 @@ def _summary(tree: object) -> str:
     values = np.concatenate([np.ravel(a) for a in jax.tree.leaves(tree)])
     checksum = zlib.crc32(values.tobytes())
     return f"{len(values)} values from {values[0]:g} to {values[-1]:g} (checksum {checksum:08x})"
-
-
-def _stored_result(path: Path) -> SweepResult:
-    """The result in a store; its checksums are not tested again, as this process has written or tested every block."""
-    return SweepResult(read(path, checked=False))
