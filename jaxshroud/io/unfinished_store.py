@@ -302,9 +302,13 @@ def _sweep_arrays(store: Path) -> "dict[str, zarr.Array]":
 
 def _arrays_checksum(store: Path, names: Mapping[str, Any]) -> str:
     """The checksum of the descriptions of all arrays, and of the values of those that are not made of blocks."""
-    parts: list[Any] = [_content(store / name / DESCRIPTION_FILE) for name in (*names[BLOCKED], *names[OTHERS])]
-    parts += [np.asarray(array[...]).tolist() for array in _opened(store, names[OTHERS]).values()]
-    return hashlib.sha256(repr(parts).encode()).hexdigest()
+    total = hashlib.sha256()
+    for name in (*names[BLOCKED], *names[OTHERS]):
+        total.update(_content(store / name / DESCRIPTION_FILE))
+    for array in _opened(store, names[OTHERS]).values():
+        values = np.asarray(array[...])
+        total.update(repr(values.tolist()).encode() if values.dtype.kind == "T" else values.tobytes())
+    return total.hexdigest()
 
 
 def _opened(store: Path, names: Iterable[str]) -> "dict[str, zarr.Array]":

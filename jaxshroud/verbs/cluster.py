@@ -10,7 +10,7 @@ import re
 import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -57,24 +57,25 @@ def connected_client(scheduler: str) -> Iterator["Client"]:
             "Argument `scheduler` must be an address such as tcp://host:8786, the file of a scheduler (.json) or "
             f"local:N with N workers, but is {scheduler}."
         )
-    from distributed import Client, LocalCluster
+    from distributed import Client
 
     for name in ("distributed", "distributed.client"):  # the client's logger has a level of its own
         logging.getLogger(name).setLevel(logging.CRITICAL)  # errors are reported in one line instead
     try:
-        with ExitStack() as stack:
+        if local:
+            client = Client(
+                n_workers=int(local[1]),
+                threads_per_worker=1,
+                memory_limit=0,
+                dashboard_address=None,
+                silence_logs=logging.CRITICAL,
+                set_as_default=False,
+            )
+        else:
             address = _address_in_file(scheduler) if is_file else scheduler
-            if local:
-                cluster: Any = LocalCluster(
-                    n_workers=int(local[1]),
-                    threads_per_worker=1,
-                    memory_limit=0,
-                    dashboard_address=None,  # pyright: ignore[reportArgumentType]  Dask takes it
-                    silence_logs=logging.CRITICAL,
-                )
-                address = stack.enter_context(cluster).scheduler_address
             _await_answer(address)
-            client = stack.enter_context(Client(address, set_as_default=False))
+            client = Client(address, set_as_default=False)
+        with client:
             if local:
                 client.run(_ignore_interrupts)
             yield client

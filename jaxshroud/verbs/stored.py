@@ -27,7 +27,6 @@ from jaxshroud.results.sweep import DIRECTION, SweepResult, compare_directions, 
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import SINGLE_DIRECTIONS, Direction
 from jaxshroud.scene.text import words_of
-from jaxshroud.scene.typed import Tree
 from jaxshroud.verbs.cluster import (
     Chain,
     Part,
@@ -76,24 +75,22 @@ class SweepTask(NamedTuple):
         return len(self.grid.resolved.shape) if self.grid.axes else 0
 
     def part(self, at: Lanes, direction: Direction) -> "SweepTask":
-        """The part with the lanes at those slices of the axes, in one direction, which reports no progress itself."""
+        """The part with the lanes at those slices of the axes, in one direction."""
         grid = self.grid
         resolved = grid.resolved
         outer = len(resolved.shape)
         numbers = np.arange(self.lanes).reshape(grid.shape)[at]
-
-        def lanes(tree: Tree) -> Tree:  # of arrays whose leading axis holds all lanes
-            return jax.tree.map(lambda a: np.asarray(a)[numbers.ravel()], tree)
-
+        whole = grid.lanes, grid.precise, self.states
+        lanes, precise, states = jax.tree.map(lambda a: np.asarray(a)[numbers.ravel()], whole)
         scene = jax.tree.map(lambda a: a[at[:outer]], resolved.scene) if outer else resolved.scene
         part = Grid(
             resolved=resolved._replace(scene=scene, shape=numbers.shape[:outer]),
-            lanes=lanes(grid.lanes),
-            axes={key: grid.axes[key][lanes] for key, lanes in zip(grid.axes, at[outer:], strict=True)},
-            precise=lanes(grid.precise),
+            lanes=lanes,
+            axes={key: grid.axes[key][values] for key, values in zip(grid.axes, at[outer:], strict=True)},
+            precise=precise,
             numbers=numbers.ravel(),
         )
-        return SweepTask(part, lanes(self.states), direction, self.settings._replace(is_part=self.lanes > 1))
+        return SweepTask(part, states, direction, self.settings._replace(is_part=self.lanes > 1))
 
 
 class ComputedPart(NamedTuple):
