@@ -15,14 +15,7 @@ import numpy as np
 from jaxshroud.batch.limits import check_memory
 from jaxshroud.io.files import write
 from jaxshroud.io.left_out import packages_left_out
-from jaxshroud.io.unfinished_store import (
-    BLOCKED,
-    DESCRIPTION_FILE,
-    OTHERS,
-    RESUME,
-    group_attributes,
-    store_damage,
-)
+from jaxshroud.io.unfinished_store import BLOCKED, DESCRIPTION_FILE, OTHERS, RESUME, group_attributes, store_damage
 from jaxshroud.scene.checks import StoreError
 from jaxshroud.whole_file import open_regular
 

@@ -74,8 +74,7 @@ def open_unfinished(
         _refuse_foreign(path)
     with _locked(path):
         stored = _identity(path)
-        if stored:
-            _refuse_other(path, stored, about)
+        _refuse_other(path, stored or about, about)
         for file in _own_files(path):
             if file.suffix == ".partial":
                 file.unlink()
@@ -137,7 +136,7 @@ def _locked(path: Path) -> Iterator[None]:
 
 
 def _refuse_other(path: Path, stored: Mapping[str, str], about: Mapping[str, str]) -> None:
-    """Raise StoreError with the differences between the sweep that a store is of and a new one, if there are any."""
+    """Raise StoreError with the differences between the stored identity of a sweep and that of a new one, if any."""
     changes = [
         f"{name} was {stored.get(name)}, is {about.get(name)}"
         for name in {**about, **stored}

@@ -27,13 +27,7 @@ from jaxshroud.results.sweep import DIRECTION, SweepResult, compare_directions, 
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import SINGLE_DIRECTIONS, Direction
 from jaxshroud.scene.text import words_of
-from jaxshroud.verbs.cluster import (
-    Chain,
-    Part,
-    compute_on_workers,
-    connected_client,
-    worker_identity,
-)
+from jaxshroud.verbs.cluster import Chain, Part, compute_on_workers, connected_client, worker_identity
 from jaxshroud.verbs.sweep_run import (
     MAX_LANES_AT_ONCE,
     Grid,
