@@ -59,7 +59,7 @@ def both(one: Tick, other: Tick) -> Tick:
 
 
 class Ticker:
-    """Sums up the lane-periods done and reports them."""
+    """Sums up the lane-periods done and reports them; sent to another process, it reports nothing there."""
 
     def __init__(self, total: int, report: Progress | None):
         self.total = total
@@ -72,6 +72,9 @@ class Ticker:
         if self.report is not None:
             done = round(self.done, 2)
             self.report(int(done) if done == int(done) else done, self.total)
+
+    def __reduce__(self) -> tuple[type["Ticker"], tuple[int, None]]:
+        return Ticker, (self.total, None)
 
 
 class RunLog(NamedTuple):

@@ -110,6 +110,7 @@ def sampled_motions(scenes: Scene, states: State, grid: SampleGrid, method: Choi
     return jax.tree.map(lambda a: np.asarray(a, float), motions)
 
 
+@jax.tree_util.register_dataclass
 @dataclass
 class SweepHandover:
     """The states of lanes that are continued from value to value, handed from one block of values to the next."""

@@ -15,7 +15,9 @@ import jax
 import numpy as np
 
 from jaxshroud.scene.typed import Tree
+from jaxshroud.version import __version__
 
+MachineIdentity = dict[str, str]
 Check = Callable[[], None]  # to be called regularly: ends the work of its thread once the result is no longer wanted
 SECONDS_TO_END = 1.0  # after Ctrl-C, for calls that are running: one to the device takes less
 JAX_SETTINGS = (  # those that are local to a thread
@@ -46,6 +48,11 @@ class Interrupted(KeyboardInterrupt):
 
 class _Unwanted(Exception):  # noqa: N818  not an error
     """The results of a thread are no longer wanted."""
+
+
+def machine_identity() -> MachineIdentity:
+    """The versions and the kind of device, on which numbers depend besides what is computed."""
+    return {"version": __version__, "jax": jax.__version__, "device": jax.devices()[0].device_kind}
 
 
 def cores() -> int:

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias, overload
 import numpy as np
 
 from jaxshroud.batch.limits import check_memory
-from jaxshroud.io.block_records import BLOCKED, DESCRIPTION_FILE, OTHERS, RESUME, group_attributes, store_damage
 from jaxshroud.io.files import write
 from jaxshroud.io.left_out import packages_left_out
+from jaxshroud.io.unfinished_store import BLOCKED, DESCRIPTION_FILE, OTHERS, RESUME, group_attributes, store_damage
 from jaxshroud.scene.checks import StoreError
 from jaxshroud.whole_file import open_regular
 
@@ -38,13 +38,14 @@ def read(path: str | os.PathLike[str], *, checked: bool = True) -> "xr.Dataset":
     Raises:
         StoreError: The file is missing, truncated, damaged or not a result.
     """
-    if Path(path).suffix == ".zarr":
-        return _read_zarr(Path(path), checked)
-    if Path(path).is_dir():
-        raise StoreError(f"{Path(path)}: is a folder; give the result in it, such as {Path(path) / 'sweep.nc'}")
-    if not Path(path).exists():
+    path = Path(path)
+    if path.suffix == ".zarr":
+        return _read_zarr(path, checked)
+    if path.is_dir():
+        raise StoreError(f"{path}: is a folder; give the result in it, such as {path / 'sweep.nc'}")
+    if not path.exists():
         raise StoreError(f"{path}: no such file; give a result written by jaxshroud")
-    if not Path(path).is_file():
+    if not path.is_file():
         raise StoreError(f"{path}: is no regular file; give a result written by jaxshroud")
     with _half_opened_files_silent():
         found = _netcdf(path)
@@ -113,9 +114,10 @@ def _check_sizes(ds: "xr.Dataset", path: str | os.PathLike[str]) -> None:
 
     with h5py.File(path) as file:
         for name, variable in ds.variables.items():
-            phony = any(str(dim).startswith("phony_dim") for dim in variable.dims)
             stored = file.get(str(name))
-            if phony or (isinstance(stored, h5py.Dataset) and stored.shape != variable.shape):
+            if "phony_dim" in str(variable.dims) or (
+                isinstance(stored, h5py.Dataset) and stored.shape != variable.shape
+            ):
                 raise ValueError(f"{name} has not the size of its dimensions")
 
 
@@ -125,12 +127,13 @@ def _checked_texts(ds: "xr.Dataset") -> "xr.Dataset":
     Raises:
         ValueError: A text is not UTF-8.
     """
-    attributes = {"its attributes": ds.attrs, **{str(name): v.attrs for name, v in ds.variables.items()}}
-    texts = [(where, [*attrs, *attrs.values()]) for where, attrs in attributes.items()]
-    texts += [(str(name), [name, v.to_numpy() if v.dtype.kind in "OU" else ""]) for name, v in ds.variables.items()]
-    for where, values in texts:
+    texts: dict[str, Any] = {"its attributes": ds.attrs}
+    for name, variable in ds.variables.items():
+        values = variable.to_numpy().tolist() if variable.dtype.kind in "OU" else ()
+        texts[str(name)] = [name, variable.attrs, values]
+    for where, part in texts.items():
         try:
-            "".join(str(part) for value in values for part in np.ravel(value)).encode()
+            json.dumps(part, ensure_ascii=False, default=lambda value: [*map(str, np.ravel(value))]).encode()
         except UnicodeEncodeError:
             raise ValueError(f"text that is not UTF-8 in {where!a}") from None
     return ds

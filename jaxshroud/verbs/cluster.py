@@ -10,28 +10,31 @@ import re
 import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from threading import Thread
 from typing import TYPE_CHECKING, Any, no_type_check
 
-import jax
-
-from jaxshroud.batch.plan import Ticker
-from jaxshroud.batch.threads import thread_settings
+from jaxshroud.batch.threads import MachineIdentity, machine_identity, thread_settings
 from jaxshroud.scene.checks import InputError, MachineError, StoreError
-from jaxshroud.verbs.sweep_block import Chain, ComputedPart, SweepTask, next_part
-from jaxshroud.version import __version__
 from jaxshroud.whole_file import open_regular
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-GRACE_SECONDS = 1.0  # beyond Dask's own timeout, in which it reports that nobody answers
-FILE_SUFFIX = ".json"  # of the file that a scheduler writes
 LOCAL_SCHEDULER = re.compile(r"local:([1-9]\d*)")
-MachineIdentity = dict[str, str]
+
+
+@dataclass
+class Part:
+    """A part of a sweep; who computes it notes what it has computed before it asks for the next part of the chain."""
+
+    compute: Callable[[], Any]
+    computed: Any = None
+
+
+Chain = Iterator[Part]  # each part needs the one before it
 
 
 @contextmanager
@@ -47,16 +50,35 @@ def connected_client(scheduler: str) -> Iterator["Client"]:
     """
     if find_spec("distributed") is None:
         raise InputError("A scheduler needs Dask distributed; install it by pip install 'jaxshroud[cluster]'")
-    local_match = LOCAL_SCHEDULER.fullmatch(scheduler)
-    if local_match is None and not ("://" in scheduler or scheduler.endswith(FILE_SUFFIX)):
+    local = LOCAL_SCHEDULER.fullmatch(scheduler)
+    is_file = scheduler.endswith(".json")
+    if not (local or is_file or "://" in scheduler):
         raise InputError(
             "Argument `scheduler` must be an address such as tcp://host:8786, the file of a scheduler (.json) or "
             f"local:N with N workers, but is {scheduler}."
         )
+    from distributed import Client
+
+    for name in ("distributed", "distributed.client"):  # the client's logger has a level of its own
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # errors are reported in one line instead
     try:
-        with ExitStack() as stack:
-            address = _address_in_file(scheduler) if scheduler.endswith(FILE_SUFFIX) else scheduler
-            yield _new_client(stack, address, local_match and int(local_match[1]))
+        if local:
+            client = Client(
+                n_workers=int(local[1]),
+                threads_per_worker=1,
+                memory_limit=0,
+                dashboard_address=None,
+                silence_logs=logging.CRITICAL,
+                set_as_default=False,
+            )
+        else:
+            address = _address_in_file(scheduler) if is_file else scheduler
+            _await_answer(address)
+            client = Client(address, set_as_default=False)
+        with client:
+            if local:
+                client.run(_ignore_interrupts)
+            yield client
     except (OSError, CancelledError) as error:
         if isinstance(error, StoreError):
             raise
@@ -71,62 +93,36 @@ def _address_in_file(path: str) -> str:
     try:
         with open_regular(Path(path)) as file:
             return str(json.load(file)["address"])
-    except FileNotFoundError:
-        raise
-    except (OSError, ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError):
         raise InputError(f"{path}: not the file of a scheduler; `dask scheduler --scheduler-file` writes one") from None
 
 
-def _new_client(stack: ExitStack, address: str, workers: int | None) -> "Client":
-    """A client that lives as long as the stack is open, as do its own `workers` if their number is given.
-
-    Dask's timeout is applied to the first answer too, for which Dask would wait without end.
+def _await_answer(address: str) -> None:
+    """Wait for a scheduler's answer as long as Dask's timeout says; a client would wait without end.
 
     Raises:
-        ConnectionError: What has that address is not there, is no scheduler, or does not answer.
+        OSError: What has that address is not there, is no scheduler, or does not answer.
     """
     from dask import config
-    from dask.utils import parse_timedelta
-    from distributed import Client, LocalCluster
+    from distributed import rpc
+    from distributed.utils import LoopRunner
 
-    for name in ("distributed", "distributed.client"):  # the client's logger has a level of its own
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # errors are reported in one line instead
-    if workers is not None:
-        options: Any = {"memory_limit": 0, "dashboard_address": None, "silence_logs": logging.CRITICAL}
-        cluster: Any = LocalCluster(n_workers=workers, threads_per_worker=1, **options)
-        address = stack.enter_context(cluster).scheduler_address
-    client = Client.__new__(Client)
-    raised: list[Exception] = []
+    async def answer() -> None:
+        async with rpc(address) as scheduler:
+            await scheduler.identity()
 
-    def connect() -> None:
-        try:
-            client.__init__(address, set_as_default=False)
-        except Exception as error:
-            raised.append(error)
-
-    limit = parse_timedelta(config.get("distributed.comm.timeouts.connect"))
-    waiting = Thread(target=connect, daemon=True)
-    waiting.start()
-    waiting.join(limit + GRACE_SECONDS)
-    if waiting.is_alive():
-        raised.append(TimeoutError(f"Timed out waiting for an answer after {limit:g} s"))
-    if raised:
-        client.status = "closed"  # else its destructor waits for an answer, and complains
-        raise ConnectionError(str(raised[0]) or type(raised[0]).__name__) from None
-    stack.enter_context(client)
-    if workers is not None:
-        client.run(_ignore_interrupts)
-    return client
+    limit = config.get("distributed.comm.timeouts.connect")
+    try:
+        LoopRunner().run_sync(answer, callback_timeout=limit)
+    except TimeoutError:
+        raise TimeoutError(f"Timed out waiting for an answer after {limit}") from None
+    except Exception as error:  # of any type: it depends on what answers
+        raise ConnectionError(error) from None
 
 
 def _ignore_interrupts() -> None:
     """Make a worker ignore Ctrl-C: this process ends its own workers itself."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def machine_identity() -> MachineIdentity:
-    """The versions and the kind of device, on which the numbers of a sweep depend besides the sweep itself."""
-    return {"version": __version__, "jax": jax.__version__, "device": jax.devices()[0].device_kind}
 
 
 def worker_identity(client: "Client") -> MachineIdentity:
@@ -135,36 +131,38 @@ def worker_identity(client: "Client") -> MachineIdentity:
     Raises:
         StoreError: The first worker has other versions, or lacks a package.
     """
-    own = {name: version for name, version in machine_identity().items() if name != "device"}
-    return own | _worker_result(client.submit(_worker_function(), own, pure=False))
+    own = machine_identity()
+    del own["device"]
+    return _worker_result(client.submit(_worker_function(), own, pure=False))
 
 
 def _worker_function() -> Callable[..., Any]:
     """The function that workers run, pickled by value: by reference, it would end a worker that lacks this package.
 
-    The function takes the identity that the worker must have and a pickled part with JAX's settings. It returns the
-    computed part, the worker's device if there is no part, or a text that says what is wrong with the worker.
+    The function takes the identity that the worker must have and a pickled part with JAX's settings. It returns what
+    the part computes, the worker's identity if there is no part, or a text that says what is wrong with the worker.
     """
 
     @no_type_check  # type-checking wrappers cannot be pickled
     def at_worker(identity: MachineIdentity, sent: bytes | None = None, settings: Any = None) -> Any:
         try:
-            import jax
+            import pickle
 
-            from jaxshroud.version import __version__
+            from jaxshroud.batch.compilation_cache import cache_compilations, cache_folder
+            from jaxshroud.batch.threads import jax_settings, machine_identity, single_threaded
 
-            device = jax.devices()[0].device_kind
+            own = machine_identity()
         except Exception as error:
             return f"a worker lacks what it needs ({type(error).__name__}: {error})"
-        own = {"version": __version__, "jax": jax.__version__, "device": device}
         wrong = [f"{name} {own[name]}, not {identity[name]}" for name in identity if own[name] != identity[name]]
         if wrong:
             return f"a worker has {', '.join(wrong)}"
         if sent is None:
-            return {"device": device}
-        from jaxshroud.verbs.sweep_block import compute_pickled
-
-        return compute_pickled(sent, settings)
+            return own
+        if not cache_folder():
+            cache_compilations()
+        with jax_settings(settings), single_threaded():  # unpickled within them: else float64 numbers become float32
+            return pickle.loads(sent)()
 
     return at_worker
 
@@ -206,25 +204,22 @@ def compute_on_workers(chains: Iterable[Chain], client: "Client", identity: Mach
     import cloudpickle
     from distributed import as_completed
 
-    jax_settings = thread_settings() | {"default_device": None}
-    compute_remotely = _worker_function()
+    settings = thread_settings() | {"default_device": None}
+    at_worker = _worker_function()
     done = as_completed(loop=client.loop)
-    in_progress: dict[Future, tuple[Chain, SweepTask]] = {}
+    in_progress: dict[Future, tuple[Chain, Part]] = {}
 
-    def submit(chain: Chain, before: ComputedPart | None = None) -> None:
-        part = next_part(chain, before)
-        if part is not None:
-            task, handover = part
-            silent = task._replace(settings=task.settings._replace(ticker=Ticker(0, None)))
-            sent = cloudpickle.dumps((silent, handover))
-            future = client.submit(compute_remotely, identity, sent, jax_settings, pure=False)
-            in_progress[future] = chain, task
+    def submit(chain: Chain) -> None:
+        for part in chain:  # the next one alone
+            sent = cloudpickle.dumps(part.compute)
+            future = client.submit(at_worker, identity, sent, settings, pure=False)
+            in_progress[future] = chain, part
             done.add(future)
+            return
 
     for chain in chains:
         submit(chain)
     for future in done:
-        chain, task = in_progress.pop(future)
-        computed = _worker_result(future)
-        task.tick(task.lanes)
-        submit(chain, computed)
+        chain, part = in_progress.pop(future)
+        part.computed = _worker_result(future)
+        submit(chain)

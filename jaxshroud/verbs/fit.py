@@ -11,9 +11,7 @@ import numpy as np
 from jaxshroud.batch.plan import Progress
 from jaxshroud.fitting.identifiability import MARCH_ERROR, Findings, ProfiledNumber, better_place, findings, profiles
 from jaxshroud.fitting.least_squares import MOST_EVALUATIONS, Estimate, Misfit, estimate
-from jaxshroud.fitting.measured import (
-    weighted_data,
-)
+from jaxshroud.fitting.measured import weighted_data
 from jaxshroud.fitting.searches import (
     MOST_SEARCHES,
     MOST_STEPS,

@@ -8,12 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.linear.natural_modes import (
-    LinearContact,
-    NaturalContact,
-    drive_shares,
-    natural_modes,
-)
+from jaxshroud.linear.natural_modes import LinearContact, NaturalContact, drive_shares, natural_modes
 from jaxshroud.model.linear_system import LinearSystem, rate_matrix
 from jaxshroud.results.data_sheet import FlowMode, NaturalMode
 from jaxshroud.scene.layout import COORDINATES

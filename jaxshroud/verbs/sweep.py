@@ -27,13 +27,7 @@ from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.signals.period import PERIOD_TOLERANCE
-from jaxshroud.verbs.arguments import (
-    ResolvedOptions,
-    check_row,
-    flatten_lanes,
-    refuse_traced,
-    resolve_options,
-)
+from jaxshroud.verbs.arguments import ResolvedOptions, check_row, flatten_lanes, refuse_traced, resolve_options
 from jaxshroud.verbs.asked import MethodArgument
 from jaxshroud.verbs.jumps import with_jumps
 from jaxshroud.verbs.plan import plan_march, warn_missed

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -183,6 +183,22 @@ def _run_grid(
         raise Interrupted(stopped.done and back(stopped.done)) from None
 
 
+def known_values(grid: Grid, plan: Plan) -> dict[str, Any]:
+    """What a result has before any lane has run: `coords`, `attrs` and `more` of `Result.from_values`."""
+    periods = np.arange(plan.transient + 1, plan.transient + plan.kept + 1)
+    attributes, differing = grid.resolved.provenance(plan.transient, plan.steps_per_period)
+    more: dict[str, Any] = {name: variable for name, variable in differing.items() if name not in grid.dims}
+    if "gap" not in grid.dims and (grid.axes or "gap" not in more):
+        gap = np.asarray(grid.lanes.running_shroud.gap)
+        more["gap"] = (
+            (*grid.dims, "interface")[: len(grid.shape) + gap.ndim - 1],
+            gap.reshape(*grid.shape, *gap.shape[1:]),
+            GAP_ATTRS,
+        )
+    coords = sweep_coordinates(grid.axes, periods, grid.lanes.layout)
+    return {"coords": coords, "attrs": {**attributes, "axes": ",".join(grid.dims)}, "more": more}
+
+
 def _sweep_result(grid: Grid, numbers: dict[str, object], chatter: str | None, settings: SweepSettings) -> SweepResult:
     """The result from the numbers of all lanes (leading axis)."""
     plan, march = settings.plan, settings.march
@@ -191,22 +207,10 @@ def _sweep_result(grid: Grid, numbers: dict[str, object], chatter: str | None, s
         ends = partial(end_states, vibration=True)
         progress = settings.ticker.report
         numbers = numbers | {"inaccurate": missed_lanes(grid.lanes, march.tried, ends, progress)}
-    periods = np.arange(plan.transient + 1, plan.transient + plan.kept + 1)
-    coords = sweep_coordinates(grid.axes, periods, grid.lanes.layout)
-    attributes, differing = grid.resolved.provenance(plan.transient, plan.steps_per_period)
-    more = {name: variable for name, variable in differing.items() if name not in grid.dims}
-    if "gap" not in grid.dims and (grid.axes or "gap" not in more):
-        gap = np.asarray(grid.lanes.running_shroud.gap)
-        more["gap"] = (
-            (*grid.dims, "interface")[: len(grid.shape) + gap.ndim - 1],
-            gap.reshape(*grid.shape, *gap.shape[1:]),
-            GAP_ATTRS,
-        )
-    complete = int(not np.any(numbers["status"] == Status.NOT_RUN))
-    attrs = {**attributes, "axes": ",".join(grid.dims), "complete": complete}
+    known = known_values(grid, plan)
+    known["attrs"]["complete"] = int(not np.any(numbers["status"] == Status.NOT_RUN))
     values = {**in_shape(numbers, grid.shape), **common}
-    layout = grid.lanes.layout
-    return SweepResult.from_values(values, lanes=grid.dims, coords=coords, attrs=attrs, more=more, layout=layout)
+    return SweepResult.from_values(values, lanes=grid.dims, layout=grid.lanes.layout, **known)
 
 
 def _exponents(grid: Grid, runs: Runs, settings: SweepSettings) -> dict[str, np.ndarray]:

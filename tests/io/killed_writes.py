@@ -14,8 +14,7 @@ import numpy as np
 import xarray as xr
 import zarr  # noqa: F401  (likewise)
 
-from jaxshroud.io.block_records import BlockRecord
-from jaxshroud.io.unfinished_store import LaneDimension, open_unfinished, write_attributes
+from jaxshroud.io.unfinished_store import BlockRecord, open_unfinished, write_attributes
 
 LANES, SIZE = 4, 2
 BLOCKS = [slice(first, first + SIZE) for first in range(0, LANES, SIZE)]  # of lanes, each of which is a part
@@ -25,19 +24,19 @@ replace = os.replace
 def block(number: int) -> xr.Dataset:
     """The numbers of a block."""
     x = np.arange(6.0).reshape(SIZE, 3) + number
-    numbers = {"x": (("gamma", "period"), x), "status": ("gamma", np.zeros(SIZE, np.int8)), "gap": ((), 1.0)}
-    return xr.Dataset(numbers, attrs={"kind": "sweep"})
+    return xr.Dataset({"x": (("gamma", "period"), x), "status": ("gamma", np.zeros(SIZE, np.int8))})
 
 
 def store(path: Path) -> None:
     """A store begun, or gone on with, to its end."""
     coords = {"gamma": np.arange(LANES), "period": np.arange(3), "way": ["one", "two"]}
-    with open_unfinished(path, {"gamma": LaneDimension(LANES, SIZE)}, {"of": "a test"}, coords) as held:
+    known = xr.Dataset({"gap": ((), 1.0)}, coords, {"kind": "sweep"})
+    with open_unfinished(path, {"of": "a test"}, known, (LANES,), (SIZE,)) as held:
         for number, lanes in enumerate(BLOCKS):
             record = held.begun((lanes,))
             for lane in range(lanes.start if record is None else record.at[0].stop, lanes.stop):
                 part = block(number).isel(gamma=[lane - lanes.start])
-                done = BlockRecord((slice(lanes.start, lane + 1),), None, [])
+                done = BlockRecord((slice(lanes.start, lane + 1),), [], [])
                 held.write((lanes,), (slice(lane, lane + 1),), part, done)
         held.finish({"complete": 1}, {"jump": xr.Variable("gamma", np.zeros(LANES, np.int8))})
     write_attributes(path, {"title": "a test"})

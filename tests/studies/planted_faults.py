@@ -233,8 +233,8 @@ FAULTS = {
     ),
     "a resumed block again": Fault(
         "verbs/stored.py",
-        "if record is not None:\n            done =",
-        "if record is not None and not block:\n            done =",
+        "if record is not None:\n                finished =",
+        "if record is not None and not values:\n                finished =",
         "verbs/test_stored.py",
     ),
     "slip takes no energy": Fault(
