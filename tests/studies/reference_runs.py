@@ -65,7 +65,8 @@ class Given(NamedTuple):
     def scene(self, source: str, *overrides: str) -> js.Scene:
         """A shipped scene with changes."""
         scene = js.load(source, list(overrides)).scene
-        return js.vary(scene, "blades.k_x", scene.blades.k_x * (1 + self.moved))
+        key = "blades.k_x" if scene.mode_numbers is None else "blades.modes[0].f"  # of modes a frequency
+        return js.vary(scene, key, js.value_of(scene, key) * (1 + self.moved))
 
 
 class Run(NamedTuple):
