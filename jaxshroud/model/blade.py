@@ -91,7 +91,7 @@ class LumpedBlade(eqx.Module):
 
     def motion(self, places: Sequence[Any], rates: Sequence[Any]) -> Motion:
         """The motion with these coordinates and rates."""
-        return Motion(*places, *rates)
+        return Motion._make((*places, *rates))
 
     def in_one_unit(self, numbers: Sequence[Any], lever: Any) -> Sequence[Any]:
         """Numbers of its coordinates as displacements of a corner [m]."""

@@ -13,13 +13,14 @@ from scipy.linalg import eigh, null_space
 
 import jaxshroud as js
 from jaxshroud.batch.lanes import lanes_last
-from jaxshroud.batch.xla import vmapped
+from jaxshroud.batch.xla import one_lane, vmapped
 from jaxshroud.model.blade import ModalMotion
 from jaxshroud.model.linear import steady_amplitudes
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Recorded
 from jaxshroud.model.row import clusters_of, prepared_row, row_rhs
+from jaxshroud.verbs.trials import choose
 
 PERIODS, STEPS = 2, 3200
 FINE = js.RungeKutta("dopri8", STEPS)
@@ -82,6 +83,24 @@ def test_a_wrong_mode_is_another_motion(wrong):
 
 
 TABLE1 = ["drive.M_0=1"]
+
+
+@pytest.mark.full
+def test_an_accuracy_is_promised_and_kept():
+    one = drawn(5, 2, False, 0)
+    wanted, _ = modal_reference.corner_ends(one.p, one.modes, 3)
+
+    def reached(setting):
+        method = js.Taylor(setting.order, setting.tolerance, 200)
+        return difference(js.simulate(one.scene, n_periods=3, method=method), wanted)
+
+    choice = choose(one_lane(one.scene), 1, "balanced", lane_periods=8)
+    assert choice.promised
+    assert reached(choice.setting) < choice.accuracy
+    # Control: ten thousand times its tolerance.
+    assert reached(choice.setting._replace(tolerance=1e4 * choice.setting.tolerance)) > choice.accuracy
+
+
 # With less friction a nudge of 1e-13 stays 1e-14 over three periods.
 THREE = [
     "friction.mu=0.1",
