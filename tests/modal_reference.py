@@ -21,6 +21,9 @@ from jaxshroud.scene.blades import Blades
 MOTIONS = ("x",), ("x", "y"), ("x", "y", "theta")
 
 
+COORDINATES = ("x", "y", "theta")
+
+
 class Modes(NamedTuple):
     """Modes of blades."""
 
@@ -112,6 +115,32 @@ class ModalRun(row_reference.RowRun):
             a[:, right] -= pull
         shrouds = [np.einsum("ajb,jb->ab", modes.shapes, z).ravel() for z in (rate, a)]
         return [*np.concatenate([*shrouds, np.zeros(3 + N), rate.ravel(), a.ravel()])]
+
+
+def ends_of(run: js.Trajectory, periods: int) -> np.ndarray:
+    """The states (periods, 6, N) of a march of so many periods at their ends."""
+    steps = (len(run.t) - 1) // periods
+    names = (*COORDINATES, *(f"v_{name}" for name in COORDINATES))
+    return np.stack([np.asarray(getattr(run.motion, name))[steps::steps] for name in names], axis=1)
+
+
+def difference(run: js.Trajectory, wanted: np.ndarray) -> float:
+    """The largest difference of a march's states at the ends of periods, over the size of each kind of number."""
+    found = ends_of(run, len(wanted))
+    size = np.abs(wanted).max(axis=(0, 2))[:, None]
+    return np.max(np.abs(found - wanted) / np.where(size > 0, size, 1.0))
+
+
+def assert_alike(run: js.Trajectory, wanted: np.ndarray, counts: dict) -> None:
+    """A march has the states at the ends of periods, the events and the balance of energy of a plain integrator."""
+    assert not np.any(run.status)
+    # Both march to some 1e-12; contact lets errors grow.
+    assert difference(run, wanted) < 1e-8
+    for name, count in counts.items():
+        marched = np.asarray(run.counters[name])
+        of_points = np.asarray(count).reshape(marched.size, -1).sum(axis=-1)
+        np.testing.assert_array_equal(marched, of_points.reshape(marched.shape))
+    assert np.max(np.abs(run.energy_residual)) < 1e-8
 
 
 def corner_ends(

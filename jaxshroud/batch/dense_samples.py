@@ -168,7 +168,7 @@ def _interpolated(
     own = lanes_last(jax.tree.map(lambda a: a[place, index].reshape(-1, *a.shape[2:]), trials))
     model, period = jax.tree.map(lambda a: jnp.repeat(a, evaluations, axis=-1), lane_models(scenes))
     at = at.reshape(-1)
-    z = dense.motion(own.interpolant, period, clock.per_period, at)
+    z = dense.motion(own.interpolant, model, period, clock.per_period, at)
     into = own.step.astype(at.dtype) + own.steps_into + at
     turns = (clock.start + into / clock.per_period).astype(own.length.dtype)
     states = sampled(State(z, own.u_s, own.mode, own.case), own.status, turns, model, vmapped, forces)

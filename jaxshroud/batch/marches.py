@@ -15,7 +15,7 @@ from jaxshroud.batch.stepped_runs import stepped_runs, stepped_trajectories
 from jaxshroud.batch.stretches import Trajectories
 from jaxshroud.linear.held_contact import is_linear
 from jaxshroud.march.method import Choices
-from jaxshroud.march.stepper import POWER_SERIES, stepper_for
+from jaxshroud.march.stepper import stepper_for
 from jaxshroud.march.tableau import Tableau, TaylorOptions
 from jaxshroud.model.prepared import State, law_type
 from jaxshroud.model.spring_contact import NoContact
@@ -57,8 +57,6 @@ def require_march(scenes: Scene, method: Choices) -> None:
     stepper = stepper_for(method)
     law = law_type(scenes)
     is_pair = scenes.layout == PAIR
-    if scenes.mode_numbers is not None and stepper is POWER_SERIES:
-        raise InputError("The method taylor does not know blades by modes; take a Runge-Kutta method.")
     if scenes.is_coupled and law is NoContact:
         raise InputError(COUPLED_WITHOUT_CONTACT)
     if not is_pair and law is NoContact:

@@ -179,7 +179,7 @@ class ContactSeries(NamedTuple):
 class MotionSeries(NamedTuple):
     """The motion of one blade, or of both, within a trial by power series."""
 
-    motion: Motion  # of `Series`
+    motion: Any  # of the shroud, watched, of `Series`
     order: int  # of the polynomials
     end: Scalar  # the end of the trial [rad]
 
@@ -210,21 +210,21 @@ def final_closing_speed(inside: ContactSeries) -> Scalar:
 
 def midpoint_magnitudes(inside: MotionSeries) -> tuple[Any, Any, Any]:
     """The magnitudes of the displacements in the middle, a node of the power's quadrature."""
-    return _of_each_displacement(lambda c: jnp.abs(polynomial_value(c, inside.end * 0.5)), inside)
+    return _of_each(displacements_of(inside.motion), lambda c: jnp.abs(polynomial_value(c, inside.end * 0.5)), inside)
 
 
 def taylor_range(inside: MotionSeries) -> DisplacementRange:
     """The range of the displacements."""
-    return range_from(_of_each_displacement(lambda c: _polynomial_extent_of(c, inside.end), inside))
+    return range_from(_of_each(watched_of(inside.motion), lambda c: _polynomial_extent_of(c, inside.end), inside))
 
 
-def _of_each_displacement(f: Callable[[Coefficients], Any], inside: MotionSeries) -> tuple[Any, Any, Any]:
+def _of_each(displacements: Any, f: Callable[[Coefficients], Any], inside: MotionSeries) -> Any:
     """`f` of the coefficients of each displacement that is not absent."""
 
     def of(a):
         return a if is_zero(a) else f(a.coefficients(inside.order))
 
-    return jax.tree.map(of, displacements_of(inside.motion), is_leaf=is_zero)
+    return jax.tree.map(of, displacements, is_leaf=is_zero)
 
 
 def _polynomial_extent_of(c: Coefficients, s: Scalar) -> Extent:

@@ -72,7 +72,8 @@ def row_torques(state: State, wave: Any, model: RowModel, each: Each) -> tuple[A
         return ZERO, ZERO
     cluster = clusters(state.case, model)
     effects = over(each, partial(interface_effects, recorded=ONLY_FORCES), pair_states(state, model), model.interfaces)
-    own = rates_of_blades(state.motion, wave, blade_forces(effects, state.motion, model), model, ONLY_FORCES, each)
+    R = blade_forces(effects, model.blades.shroud(state.motion), model)
+    own = rates_of_blades(state.motion, wave, R, model, ONLY_FORCES, each)
     own = model.blades.turning(own.acceleration)
     return relative_torques(own, state.case, cluster, model), joint_inertia(cluster, model)
 

@@ -18,7 +18,6 @@ from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.prepared import State
 from jaxshroud.model.row import RowModel
-from jaxshroud.scene.keys import Motion
 
 
 class DenseOutput(NamedTuple):
@@ -28,8 +27,8 @@ class DenseOutput(NamedTuple):
     """(lanes, constants, method, each) -> the next trials of lanes, and the interpolants there."""
     update: Callable[[LaneTree, LaneTree, LaneTree, Choices, EachLane], LaneTree]
     """(lanes, trials, constants, method, each) -> the lanes after these trials."""
-    motion: Callable[[Any, Scalar, Scalar, Scalar], Motion]
-    """(interpolant, period [s], steps per period, steps) -> the motion there."""
+    motion: Callable[[Any, RowModel, Scalar, Scalar, Scalar], Any]
+    """(interpolant, model, period [s], steps per period, steps) -> the motion there."""
 
 
 class Stepper(NamedTuple):

@@ -5,7 +5,7 @@ Series are in the drive phase since the start of a trial [rad]. A row is expande
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -24,6 +24,7 @@ from jaxshroud.model.arithmetic import (
     ZERO,
     Scalar,
     any_along,
+    both_sides,
     exchanged,
     is_unrolled,
     is_zero,
@@ -31,7 +32,9 @@ from jaxshroud.model.arithmetic import (
     times,
     where,
 )
+from jaxshroud.model.blade import AnyBlade
 from jaxshroud.model.contact_law import linear_laws
+from jaxshroud.model.coupling import SUFFIXES
 from jaxshroud.model.geometry import FaceKinematics, rotation
 from jaxshroud.model.modes import FLAT
 from jaxshroud.model.prepared import Model, State, touches_at_corners
@@ -43,13 +46,11 @@ from jaxshroud.model.row import (
     blade_forces,
     clusters_of,
     over,
-    pair_states,
     rates_of_blades,
     relative_torques,
 )
 from jaxshroud.model.row_program import of_row
 from jaxshroud.model.series import Series, coefficients, polynomial, rate_of
-from jaxshroud.scene.keys import Motion
 
 RADIANS_PER_TURN = 2 * math.pi
 
@@ -71,14 +72,18 @@ class FaceSeries(NamedTuple):
     case: Any  # the current case; when apart, that of the position at the start
 
 
+class BladeSeries(NamedTuple):
+    """The motion of one blade, or of all: polynomials."""
+
+    own: tuple[Coefficients, ...]  # of the coordinates
+    sine: Coefficients  # of the shroud's theta
+    versine: Coefficients
+
+
 class TaylorExpansion(NamedTuple):
     """The motion of a lane as polynomials in the drive phase since the start of a trial [rad]."""
 
-    x: Coefficients  # of each blade [m]
-    y: Coefficients
-    theta: Coefficients
-    sine: Coefficients  # of theta
-    versine: Coefficients
+    blades: BladeSeries
     faces: FaceSeries
 
 
@@ -111,8 +116,8 @@ def taylor_expansion(lane: Lane, fixed: Fixed[RowModel], order: int, each: Each)
     state = lane.state
     unit = seconds_per_radian(fixed)
     model = per_radian(fixed.model, unit)
-    z = model.blades.shroud(state.motion)
-    motion = z._replace(v_x=z.v_x * unit, v_y=z.v_y * unit, v_theta=z.v_theta * unit)
+    own, rates = model.blades.coordinates(state.motion)
+    motion = model.blades.motion(own, [v * unit for v in rates])
     at_faces = state.u_s, state.mode, state.case, faces_of(model)
     wave = wave_at(lane.step, lane.search.done, fixed.grid, each)
     trees = wave, (motion, blades_of(model)), at_faces
@@ -143,35 +148,34 @@ def taylor_expansion(lane: Lane, fixed: Fixed[RowModel], order: int, each: Each)
 
 def blades_of(model: RowModel) -> RowModel:
     """What of a row belongs to its blades."""
-    return replace(model, interfaces=None, coupling=None)
+    return replace(model, interfaces=None, coupling=None, kappa=())
 
 
-def faces_of(model: RowModel) -> tuple[Any, Any]:
+def faces_of(model: RowModel) -> dict[str, Any]:
     """What of a row belongs to its interfaces."""
-    return model.interfaces, model.coupling
+    return {"interfaces": model.interfaces, "coupling": model.coupling, "kappa": model.kappa}
 
 
-def whole_row(blades: RowModel, faces: tuple[Any, Any]) -> RowModel:
+def whole_row(blades: RowModel, faces: dict[str, Any]) -> RowModel:
     """The inverse of `blades_of` and `faces_of`."""
-    return replace(blades, interfaces=faces[0], coupling=faces[1])
+    return replace(blades, **faces)
 
 
 def per_radian(model: RowModel, unit: Scalar) -> RowModel:
     """The model with time in units of `unit` seconds: masses stay, and forces are in kg m / unit^2."""
 
-    def of_kind(kind: str, *owners: Any) -> list[Any]:
-        return [getattr(owner, f"{kind}_{name}") for name in ("x", "y", "T") for owner in owners if owner is not None]
+    def between(m: RowModel, kind: str) -> list[Any]:
+        return [] if m.coupling is None else [getattr(m.coupling, f"{kind}_{name}") for name in SUFFIXES.values()]
 
     def flows(m: RowModel, kind: str) -> list[Any]:
         return [] if m.aero is None else [getattr(one, kind) for one in m.aero if one is not None]
 
     def forces(m: RowModel) -> list[Any]:
-        springs = of_kind("k", m.blades, m.coupling)
         contact = [k for law in linear_laws(m.interfaces.law) for k in law.stiffnesses]
-        return [*springs, *m.drive.loads, *flows(m, "k"), *contact]
+        return [*m.blades.springs, *between(m, "k"), m.kappa, *m.drive.loads, *flows(m, "k"), *contact]
 
     def dampers(m: RowModel) -> list[Any]:
-        return [*of_kind("c", m.blades, m.coupling), *flows(m, "c")]
+        return [*m.blades.dampers, *between(m, "c"), *flows(m, "c")]
 
     for places, factor in ((forces, unit * unit), (dampers, unit)):
         scaled = jax.tree.map(lambda a, factor=factor: a * factor, places(model))
@@ -183,32 +187,30 @@ def _expansion(
     start: State, wave: tuple[Any, Any], model: RowModel, joined: Joined | None, order: int
 ) -> TaylorExpansion:
     """`taylor_expansion` of an element, with the blocks that are flat on each other, if there can be any."""
-    z = start.motion
-    x, y, theta = (over(alone, _begun, *own) for own in zip(z[:3], z[3:], strict=True))
-    v_x, v_y, v_theta = (over(alone, rate_of, a) for a in (x, y, theta))
-    motion = Motion(x, y, theta, v_x, v_y, v_theta)
-    pairs = pair_states(State(motion, start.u_s, start.mode, start.case), model)
+    own = [over(alone, _begun, *begin) for begin in zip(*model.blades.coordinates(start.motion), strict=True)]
+    motion = motion_of_series(own, model.blades)
+    shroud = model.blades.shroud(motion)
+    pairs = State(both_sides(shroud, model.closed), start.u_s, start.mode, start.case)
     now, places = over(alone, _placed, pairs, model.interfaces)
-    R = blade_forces(over(alone, lambda place: place.loaded, places), motion, model)
+    R = blade_forces(over(alone, lambda place: place.loaded, places), shroud, model)
     a = rates_of_blades(motion, series_of_wave(wave), R, model, Recorded(), alone).acceleration
     torques = None
     if joined is not None:
-        own = model.blades.turning(a)
-        a = model.blades.turned(a, joined.mean(own), model.inverse)
-        torques = joined.torques(own)
-    for series, rate in zip((x, y, theta), a, strict=True):
+        alone_turning = model.blades.turning(a)
+        a = model.blades.turned(a, joined.mean(alone_turning), model.inverse)
+        torques = joined.torques(alone_turning)
+    for series, rate in zip(own, a, strict=True):
         over(alone, _go_on, series, rate)
     faces = over(alone, partial(_face_series, order=order), now, places, torques, model.interfaces)
-    sine, versine = over(alone, rotation, theta)
-    up_to_order = partial(coefficients, n=order)
-    return TaylorExpansion(
-        x=over(alone, up_to_order, x),
-        y=over(alone, up_to_order, y),
-        theta=over(alone, up_to_order, theta),
-        sine=over(alone, up_to_order, sine),
-        versine=over(alone, up_to_order, versine),
-        faces=faces,
-    )
+    sine, versine = over(alone, rotation, shroud.theta)
+    up_to_order = partial(over, alone, partial(coefficients, n=order))
+    blades = BladeSeries(own=tuple(map(up_to_order, own)), sine=up_to_order(sine), versine=up_to_order(versine))
+    return TaylorExpansion(blades=blades, faces=faces)
+
+
+def motion_of_series(own: Sequence[Any], blades: AnyBlade) -> Any:
+    """The motion of blades whose coordinates are these series."""
+    return blades.motion(own, [over(alone, rate_of, a) for a in own])
 
 
 def series_of_wave(wave: tuple[Any, Any]) -> tuple[Any, Any]:

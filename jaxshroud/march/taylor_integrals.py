@@ -1,7 +1,7 @@
 """What is read off the polynomials of a trial: its end, the integrals of the motion and of contact, and extremes."""
 
 import math
-from functools import cache
+from functools import cache, partial
 from itertools import count
 from typing import Any, NamedTuple
 
@@ -14,7 +14,14 @@ from jaxshroud.march.extremes import ContactSeries, MotionSeries, deepest_penetr
 from jaxshroud.march.log import found_by_series
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import TOLERANCE_RANGE
-from jaxshroud.march.taylor_expansion import Coefficients, FaceSeries, per_radian, series_of_wave
+from jaxshroud.march.taylor_expansion import (
+    BladeSeries,
+    Coefficients,
+    FaceSeries,
+    motion_of_series,
+    per_radian,
+    series_of_wave,
+)
 from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, summed, total, where
 from jaxshroud.model.blade import AnyBlade
 from jaxshroud.model.contact_law import ContactLoads, ContactPoint, LinearLaw, linear_laws
@@ -26,28 +33,21 @@ from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import Integrals, Ledger, Means, Moments, blade_mean_square, blade_works
 from jaxshroud.model.row import RowModel, alone, coupling_losses, of_blades_that_count, over
-from jaxshroud.model.series import polynomial, polynomial_value, polynomial_value_and_rate, rate_of
-from jaxshroud.scene.keys import Motion
+from jaxshroud.model.series import coefficients, polynomial, polynomial_value, polynomial_value_and_rate, rate_of
 
 EXTRA_WORK_TERMS = 4  # further terms of the works: without them the error of squares is 100 times the tolerance
 AT_REST = {8: 1e-250, 4: 1e-30}  # by the bytes of a number: a displacement [m, rad] and its rate per radian
 TESTED_TOLERANCES = np.geomspace(*TOLERANCE_RANGE, 16)
 
 
-class OfBlade(NamedTuple):
-    """The polynomials of one blade, or of each, see `TaylorExpansion`."""
+class OfShroud(NamedTuple):
+    """The polynomials of one shroud, or of each."""
 
     x: Coefficients
     y: Coefficients
     theta: Coefficients
     sine: Coefficients
     versine: Coefficients
-
-    @property
-    def motion(self) -> Motion:
-        """The motion per radian as series."""
-        x, y, theta = map(polynomial, self[:3])
-        return Motion(x=x, y=y, theta=theta, v_x=rate_of(x), v_y=rate_of(y), v_theta=rate_of(theta))
 
 
 class TrialSpan(NamedTuple):
@@ -61,7 +61,7 @@ class TrialSpan(NamedTuple):
 class TrialReading(NamedTuple):
     """What is read off the polynomials of a trial."""
 
-    motion: Motion  # at its end
+    motion: Any  # at its end
     gain: Integrals
     deepest: Any  # largest penetration at each interface [m]; None with derivatives
     by_series: dict[str, Any] | None  # what each observable reads; None with derivatives
@@ -69,7 +69,7 @@ class TrialReading(NamedTuple):
 
 def read_off(
     span: TrialSpan,
-    blades: OfBlade,
+    blades: BladeSeries,
     faces: FaceSeries,
     contact: State,
     events: tuple[Any, Any],
@@ -88,8 +88,12 @@ def read_off(
         method: The method.
     """
     order, recorded = method.taylor.order, method.recorded
-    counted = of_blades_that_count(blades, model)
-    moments = over(alone, lambda own: integrated_moments(own, order, span), blades) if recorded.moments else None
+    z = motion_of_series([over(alone, polynomial, a) for a in blades.own], model.blades)
+    up_to_order = partial(over, alone, partial(coefficients, n=order))
+    x, y, theta = map(up_to_order, model.blades.shroud(z)[:3])
+    shrouds = OfShroud(x=x, y=y, theta=theta, sine=blades.sine, versine=blades.versine)
+    counted = of_blades_that_count(shrouds, model)
+    moments = over(alone, lambda own: integrated_moments(own, order, span), shrouds) if recorded.moments else None
     means = over(alone, lambda own: integrated_means(own, order, span), counted) if recorded.means else None
 
     def of_face(own: FaceSeries, contact: State, model: Model) -> ContactLoads:
@@ -98,14 +102,14 @@ def read_off(
 
     loads = over(alone, of_face, faces, contact, model.interfaces) if recorded.loads else None
 
-    def power_of(own: OfBlade, gyration: Scalar, static: StaticPosition | None) -> Scalar:
+    def power_of(own: OfShroud, gyration: Scalar, static: StaticPosition | None) -> Scalar:
         return integrated_square(own, order, span, gyration, static)
 
-    power = over(alone, power_of, blades, model.gyration, model.static)
+    power = over(alone, power_of, shrouds, model.gyration, model.static)
     ledger = None
     if recorded.ledger:
-        ledger = integrated_works(blades, faces, contact, span, per_radian(model, span.unit), order)
-    end = over(alone, lambda own: motion_after((own.x, own.y, own.theta), span.unit, span.end), blades)
+        ledger = integrated_works(z, faces, contact, span, per_radian(model, span.unit), order)
+    end = motion_after(blades.own, model.blades, span.unit, span.end)
     gain = Integrals(power=power, ledger=ledger, moments=moments, loads=loads, means=means)
     if method.derivative:
         return TrialReading(end, gain, None, None)
@@ -128,15 +132,15 @@ def read_off(
         )
         return deepest_penetration(inside), found_by_series(inside, method)
 
-    def at_blade(own: OfBlade) -> Any:
-        return found_by_series(MotionSeries(own.motion, order, span.end), method)
+    def at_blade(z: Any, blade: AnyBlade) -> Any:
+        return found_by_series(MotionSeries(blade.watched(z), order, span.end), method)
 
     deepest, by_series = over(alone, at_face, faces, contact, events, model.interfaces)
-    return TrialReading(end, gain, deepest, by_series | over(alone, at_blade, blades))
+    return TrialReading(end, gain, deepest, by_series | over(alone, at_blade, z, model.blades))
 
 
 def integrated_square(
-    own: OfBlade, order: int, span: TrialSpan, gyration: Scalar, static: StaticPosition | None
+    own: OfShroud, order: int, span: TrialSpan, gyration: Scalar, static: StaticPosition | None
 ) -> Scalar:
     """The mean square of the displacements of one blade, integrated in time."""
     s = span.end
@@ -158,7 +162,7 @@ def _at_node(a: Coefficients, s: Scalar, t: float) -> Any:
     return a[0] if is_zero(a[0]) or not t else polynomial_value(a, s * t)
 
 
-def integrated_means(own: OfBlade, order: int, span: TrialSpan) -> Means:
+def integrated_means(own: OfShroud, order: int, span: TrialSpan) -> Means:
     """The position of one blade, integrated; x and y at the nodes at which their squares are needed."""
     rule = list(zip(*lobatto_rule_for(order), strict=True))
     seconds = span.end * span.unit
@@ -172,14 +176,11 @@ def integrated_means(own: OfBlade, order: int, span: TrialSpan) -> Means:
     return Means(at_nodes(own.x), at_nodes(own.y), gained(own.sine), gained(own.versine))
 
 
-def integrated_works(
-    blades: OfBlade, faces: FaceSeries, contact: State, span: TrialSpan, model: RowModel, order: int
-) -> Ledger:
+def integrated_works(z: Any, faces: FaceSeries, contact: State, span: TrialSpan, model: RowModel, order: int) -> Ledger:
     """The works of a trial by a model per radian: those of a pair, or of each blade and of each interface of a row."""
-    z = over(alone, lambda own: own.motion, blades)
     wave = series_of_wave(span.wave)
 
-    def rates(z: Motion, blade: AnyBlade, drive: Excitation) -> tuple[Any, Any]:
+    def rates(z: Any, blade: AnyBlade, drive: Excitation) -> tuple[Any, Any]:
         return blade_works(z, drive.wave(*wave), blade, drive)
 
     drive, viscous = over(alone, rates, z, model.blades, model.drive)
@@ -239,7 +240,7 @@ def sliding_points(own: FaceSeries, contact: State, model: Model) -> list[Slidin
     return points
 
 
-def integrated_moments(own: OfBlade, order: int, span: TrialSpan) -> Moments:
+def integrated_moments(own: OfShroud, order: int, span: TrialSpan) -> Moments:
     """The moments of the displacements of one blade."""
     s, unit = span.end, span.unit
     rule = list(zip(*lobatto_rule_for(order), strict=True))
@@ -270,11 +271,16 @@ def integrated_loads(point: SlidingPoint, order: int, span: TrialSpan) -> Contac
     return ContactLoads(N, where(slips, N, 0.0), where(slips, s * span.unit, 0.0), path)
 
 
-def motion_after(displacements: tuple[Coefficients, ...], unit: Scalar, s: Scalar) -> Motion:
-    """The motion of one blade after `s` radians of `unit` seconds each."""
-    ends = [(a[0], a[0]) if is_zero(a[0]) else _unless_at_rest(*polynomial_value_and_rate(a, s)) for a in displacements]
-    (x, v_x), (y, v_y), (theta, v_theta) = ((a, v if is_zero(v) else v / unit) for a, v in ends)
-    return Motion(x=x, y=y, theta=theta, v_x=v_x, v_y=v_y, v_theta=v_theta)
+def motion_after(own: tuple[Coefficients, ...], blades: AnyBlade, unit: Scalar, s: Scalar) -> Any:
+    """The motion of blades after `s` radians of `unit` seconds each."""
+
+    def end(a: Coefficients) -> tuple[Any, Any]:
+        if is_zero(a[0]):
+            return a[0], a[0]
+        place, rate = _unless_at_rest(*polynomial_value_and_rate(a, s))
+        return place, rate / unit
+
+    return blades.motion(*zip(*(over(alone, end, a) for a in own), strict=True))
 
 
 def _unless_at_rest(value: Scalar, rate: Scalar) -> tuple[Scalar, Scalar]:

@@ -61,8 +61,9 @@ from jaxshroud.march.taylor_expansion import (
     wave_at,
     whole_row,
 )
-from jaxshroud.march.taylor_integrals import OfBlade, TrialSpan, motion_after, read_off, sliding_points
+from jaxshroud.march.taylor_integrals import TrialSpan, motion_after, read_off, sliding_points
 from jaxshroud.model.arithmetic import (
+    ZERO,
     Scalar,
     any_along,
     at_place,
@@ -83,7 +84,6 @@ from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.row import Each, RowModel, alone, over, row_rhs
 from jaxshroud.model.row_program import of_row
 from jaxshroud.model.series import coefficients, polynomial_value_and_rate
-from jaxshroud.scene.keys import Motion
 
 MAX_TRIAL_ANGLE = 0.5  # [rad] of a trial, so that guards are evaluated often enough
 NEGLIGIBLE_SPEED = 1e-30  # a speed that does not matter [m/rad]
@@ -110,7 +110,7 @@ class SeriesOutcome(NamedTuple):
 class TaylorTrial(NamedTuple):
     """A trial by power series."""
 
-    motion: Motion
+    motion: Any
     gain: Integrals
     length: OfLanes  # in steps
     outcome: SeriesOutcome
@@ -123,7 +123,7 @@ class TaylorTrial(NamedTuple):
         return self.motion, self.gain, self.length
 
 
-DisplacementSeries = tuple[Any, Any, Any]  # coefficients of x, y and theta along the blades
+DisplacementSeries = tuple[Coefficients, ...]  # of each coordinate, along the blades
 
 
 def begin_series(state: State, model: RowModel, method: Choices, each: EachLane) -> Lane:
@@ -198,11 +198,10 @@ def _trial_and_series(
         (own, blades), (faces, contact, events, constants) = of_blades, of_faces
         return read_off(span, own, faces, contact, events, whole_row(blades, constants), method)
 
-    own = OfBlade(x=expansion.x, y=expansion.y, theta=expansion.theta, sine=expansion.sine, versine=expansion.versine)
     wave = wave_at(lane.step, lane.search.done, fixed.grid, each)
     span = TrialSpan(s, seconds_per_radian(fixed), wave)
     of_faces = expansion.faces, contact, events, faces_of(model)
-    reading = of_row(each, read, span, (own, blades_of(model)), of_faces)
+    reading = of_row(each, read, span, (expansion.blades, blades_of(model)), of_faces)
     trial = TaylorTrial(
         motion=reading.motion,
         gain=reading.gain,
@@ -211,7 +210,7 @@ def _trial_and_series(
         deepest=reading.deepest,
         by_series=reading.by_series,
     )
-    return trial, (own.x, own.y, own.theta)
+    return trial, expansion.blades.own
 
 
 def _contact_of(state: State) -> State:
@@ -275,7 +274,7 @@ def _one_after_the_other(fires: Any, pending: Any, moves: Any) -> tuple[Any, Any
 
 
 class LargestTerms(NamedTuple):
-    """The largest coefficients of the displacements [m]; theta counts as the displacement of a corner."""
+    """The largest coefficients of the coordinates of blades, as they are `in_one_unit`."""
 
     speed: Any  # the largest of orders 1 to 3
     last: Any
@@ -285,16 +284,17 @@ class LargestTerms(NamedTuple):
 def _largest_terms(expansion: TaylorExpansion, fixed: Fixed[RowModel], order: int, each: Each) -> LargestTerms:
     """The largest coefficients over all blades."""
 
-    def of_blade(x: Coefficients, y: Coefficients, theta: Coefficients, lever: Scalar) -> LargestTerms:
+    def of_blade(own: tuple[Coefficients, ...], lever: Scalar) -> LargestTerms:
         def largest(n: int) -> Scalar:
-            sizes = [jnp.abs(a[n]) for a in (x, y) if not is_zero(a[0])]
-            sizes += [] if is_zero(theta[0]) else [jnp.abs(lever * theta[n])]
+            numbers = [ZERO if is_zero(a[0]) else a[n] for a in own]
+            sizes = [jnp.abs(a) for a in blades.in_one_unit(numbers, lever) if not is_zero(a)]
             return reduce(jnp.maximum, sizes) if sizes else jnp.zeros_like(lever)  # of a rigid neighbour
 
         return LargestTerms(reduce(jnp.maximum, map(largest, (1, 2, 3))), largest(order), largest(order - 1))
 
+    blades = fixed.model.blades
     lever = fixed.model.interfaces.block.a_x[0]
-    terms = over(each, of_blade, *expansion[:3], lever)
+    terms = over(each, of_blade, expansion.blades.own, lever)
     return LargestTerms(speed=greatest(terms.speed), last=greatest(terms.last), before=greatest(terms.before))
 
 
@@ -419,12 +419,12 @@ def _differentiable_end(
 
 
 def motion_in_trial(
-    displacements: DisplacementSeries, period: Scalar, steps_per_period: Scalar, steps: Scalar
-) -> Motion:
+    own: DisplacementSeries, model: RowModel, period: Scalar, steps_per_period: Scalar, steps: Scalar
+) -> Any:
     """The motion so many `steps` after the start of a trial, by its series."""
     unit = period / RADIANS_PER_TURN
     s = steps * (RADIANS_PER_TURN / steps_per_period)
-    return over(alone, lambda own: motion_after(own, unit, s), displacements)
+    return motion_after(own, model.blades, unit, s)
 
 
 def _lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[RowModel], method: Choices, each: Each) -> Lane:

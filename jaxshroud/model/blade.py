@@ -85,6 +85,29 @@ class LumpedBlade(eqx.Module):
 
     watched = shroud
 
+    def coordinates(self, z: Motion) -> tuple[Any, Any]:
+        """Its coordinates and their rates."""
+        return z[:3], z[3:]
+
+    def motion(self, places: Sequence[Any], rates: Sequence[Any]) -> Motion:
+        """The motion with these coordinates and rates."""
+        return Motion._make((*places, *rates))
+
+    def in_one_unit(self, numbers: Sequence[Any], lever: Any) -> Sequence[Any]:
+        """Numbers of its coordinates as displacements of a corner [m]."""
+        x, y, theta = numbers
+        return x, y, lever * theta
+
+    @property
+    def springs(self) -> list[Any]:
+        """The stiffnesses of its coordinates."""
+        return [self.k_x, self.k_y, self.k_T]
+
+    @property
+    def dampers(self) -> list[Any]:
+        """The damping of its coordinates."""
+        return [self.c_x, self.c_y, self.c_T]
+
     def accelerations(self, z: Motion, Q: Wave, drive: Excitation, R: BladeForces, inverse: InverseMasses) -> Any:
         """The accelerations by Eq. (1), at the wave `Q` of the drive and the forces `R` of contact."""
         a_x = (drive.force("x", Q) + R.x - self.c_x * z.v_x - self.k_x * z.x) * inverse.x
@@ -167,6 +190,29 @@ class ModalBlade(eqx.Module):
         if not self.sigma:
             return shroud
         return StressedMotion(**shroud._asdict(), sigma=dot(self.sigma, z.q), v_sigma=dot(self.sigma, z.rate))
+
+    def coordinates(self, z: Any) -> tuple[Any, Any]:
+        """Its coordinates and their rates."""
+        return z
+
+    def motion(self, places: Sequence[Any], rates: Sequence[Any]) -> ModalMotion:
+        """The motion with these coordinates and rates."""
+        return ModalMotion(tuple(places), tuple(rates))
+
+    def in_one_unit(self, numbers: Sequence[Any], lever: Any) -> Sequence[Any]:
+        """Numbers of its coordinates: they are in one unit, as all masses are 1."""
+        del lever
+        return numbers
+
+    @property
+    def springs(self) -> list[Any]:
+        """The stiffnesses of its coordinates."""
+        return [self.stiffness]
+
+    @property
+    def dampers(self) -> list[Any]:
+        """The damping of its coordinates."""
+        return [self.damping]
 
     def accelerations(self, z: Any, Q: Wave, drive: Excitation, R: BladeForces, inverse: None) -> Any:
         """The accelerations of all coordinates, at the wave `Q` of the drive and the forces `R` of contact."""

@@ -79,8 +79,8 @@ class ComplexForce(NamedTuple):
 
     @property
     def loads(self) -> list[Any]:
-        """The parts of the amplitudes of all forces and moments."""
-        return [self.x_re, self.x_im, self.y_re, self.y_im, self.theta_re, self.theta_im]
+        """The parts of the amplitudes of all forces and moments, and of those on modes."""
+        return [self.x_re, self.x_im, self.y_re, self.y_im, self.theta_re, self.theta_im, *self.modal.values()]
 
 
 class Excitation(eqx.Module):

@@ -103,7 +103,7 @@ class RowModel(eqx.Module):
     inverse: Any  # `InverseMasses`: what multiplies forces to accelerations; None for blades by modes
     gyration: Any  # J_A / A [m^2], one for the row
     static: StaticPosition | None  # of each blade, from which power is measured; None: from rest
-    interfaces: Model  # the pair at each interface
+    interfaces: Any  # the `Model` of the pair at each interface
     coupling: NeighbourSprings | None  # between neighbours
     kappa: tuple[Any, ...]  # between equal modes of neighbours [1/s^2]; empty without any
     aero: AeroMatrices | None  # of the flow
@@ -278,13 +278,13 @@ def pair_states(state: State, model: RowModel) -> State:
     return State(both_sides(model.blades.shroud(state.motion), model.closed), state.u_s, state.mode, state.case)
 
 
-def blade_forces(effects: ContactEffects, z: Any, model: RowModel) -> BladeForces:
-    """The forces on each blade of contact, of its neighbours and of the flow, at a motion of the blades."""
+def blade_forces(effects: ContactEffects, shroud: Motion, model: RowModel) -> BladeForces:
+    """The forces on each blade of contact, of its neighbours and of the flow, at a motion of the shrouds."""
     forces = contact_forces_on_blades(effects, model)
     if model.coupling is not None:
-        forces = forces.plus(forces_of_springs(model.blades.shroud(z), model.coupling, model.closed))
+        forces = forces.plus(forces_of_springs(shroud, model.coupling, model.closed))
     if model.aero is not None:
-        forces = forces.plus(BladeForces(forces_of_flow(model.blades.shroud(z), model.aero, model.closed), ZERO, ZERO))
+        forces = forces.plus(BladeForces(forces_of_flow(shroud, model.aero, model.closed), ZERO, ZERO))
     return forces
 
 
@@ -472,7 +472,8 @@ def row_rhs(
     """
     blades = model.blades
     effects = over(each, partial(interface_effects, recorded=recorded), pair_states(now, model), model.interfaces)
-    rates = rates_of_blades(now.motion, wave, blade_forces(effects, now.motion, model), model, recorded, each)
+    R = blade_forces(effects, blades.shroud(now.motion), model)
+    rates = rates_of_blades(now.motion, wave, R, model, recorded, each)
     a = rates.acceleration
     if cluster is not None:
         a = blades.turned(a, cluster.mean(blades.turning(a)), model.inverse)

@@ -16,10 +16,8 @@ import numpy as np
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.batch.plan import Progress, Tick, Ticker
 from jaxshroud.march.method import Choices
-from jaxshroud.march.stability import steps_for, stiffest, stiffness_ratio
-from jaxshroud.march.tableau import tableau
+from jaxshroud.march.stability import stiffest, stiffness_ratio
 from jaxshroud.orbits.short_runs import HORIZON, HorizonEnds, end_states, state_errors
-from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
 from jaxshroud.signals.averages import least_tilt
@@ -32,8 +30,7 @@ MAX_FINER_SETTINGS = 3  # tried beyond those of the table, each with half the st
 ERROR_MARGIN = 3.0  # an estimated error is one draw: where motions multiply errors, another may be larger by this
 MAX_SHARE = 0.1  # of the trial steps of a run, for the choice of its method
 LEAST_BUDGET = 10**6  # trial steps, for runs of pairs that are shorter than the choice: a few seconds
-COARSE_ACCURACY = 1e-3  # of blades by modes: from here on Tsitouras 5 is cheaper
-COARSE_ORDER, FINE_ORDER = 10, 14  # of the series of rows and of faces of points: each order is a program of its own
+COARSE_ORDER, FINE_ORDER = 10, 14  # of series that the table does not have: each order is a program of its own
 SERIES_SHARE = 0.01  # of an accuracy, as their tolerance
 EXPECTED_TRIALS = 2
 SLACK = 3.0  # in the proportion of errors to tolerances
@@ -100,18 +97,13 @@ def choose(
     frequency_and_period = stiffest(lanes, 1)
     choices = []
     spent = 0
-    is_lumped = isinstance(lanes.blades, Blades)
-    has_table = lanes.row is None and lanes.contact.points is None and is_lumped
-    candidates, in_table = (
-        _candidates(lanes, level) if has_table else (_two_settings(lanes, level, *frequency_and_period), False)
-    )
+    has_table = lanes.row is None and lanes.contact.points is None and lanes.mode_numbers is None
+    candidates, in_table = _candidates(lanes, level) if has_table else (_two_settings(level), False)
     first = Choice(level, candidates[0], candidates[0].steps(*frequency_and_period), in_table or None)
     if in_table and not lane_periods:
         return first
     probe = _probe(lanes, _affordable_lanes(len(lanes.drive.omega), lane_periods))
     least_budget = LEAST_BUDGET if lanes.row is None else 0  # a trial step of a row may take a hundred times as long
-    if not is_lumped:
-        return replace(first, why="blades by modes are not tried")
     if not (has_table or lane_periods):
         return replace(first, why="nothing is marched")
     shortest = 3 * HORIZON * len(probe.drive.omega) - MAX_SHARE * lane_periods
@@ -154,14 +146,9 @@ def _candidates(lanes: Scene, accuracy: float) -> tuple[list[Setting], bool]:
     return list(dict.fromkeys([*found, *finer])), bool(sufficient)
 
 
-def _two_settings(lanes: Scene, accuracy: float, omega_max: float, period: float) -> list[Setting]:
-    """The settings of rows and of faces of points, and of blades by modes by their stiffness; the second is finer."""
-    if isinstance(lanes.blades, Blades):
-        setting = by_series(FINE_ORDER if accuracy < ROUNDED_BELOW else COARSE_ORDER, SERIES_SHARE * accuracy)
-    else:
-        name = "tsit5" if accuracy >= COARSE_ACCURACY else "dopri8"
-        product = omega_max * period / steps_for(lanes, 1, "auto", tableau(name))
-        setting = Setting(name, "cubic", "float64", product)
+def _two_settings(accuracy: float) -> list[Setting]:
+    """The settings of rows, of faces of points and of blades by modes; the second is finer."""
+    setting = by_series(FINE_ORDER if accuracy < ROUNDED_BELOW else COARSE_ORDER, SERIES_SHARE * accuracy)
     setting = setting._replace(flat_return=flat_return_for(accuracy))
     return [setting, setting.finer(1)]
 

@@ -8,24 +8,29 @@ import modal_reference
 import numpy as np
 import pytest
 import row_reference
+from modal_reference import COORDINATES, assert_alike, difference, ends_of
 from scipy.linalg import eigh, null_space
 
 import jaxshroud as js
 from jaxshroud.batch.lanes import lanes_last
-from jaxshroud.batch.xla import vmapped
+from jaxshroud.batch.xla import one_lane, vmapped
 from jaxshroud.model.blade import ModalMotion
 from jaxshroud.model.linear import steady_amplitudes
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Recorded
 from jaxshroud.model.row import clusters_of, prepared_row, row_rhs
+from jaxshroud.verbs.trials import choose
 
 PERIODS, STEPS = 2, 3200
 FINE = js.RungeKutta("dopri8", STEPS)
-COORDINATES = ("x", "y", "theta")
+SERIES = js.Taylor(order=14, tolerance=1e-13, steps=400)
+BY_BOTH = pytest.mark.parametrize("method", [SERIES, FINE], ids=["series", "dopri8"])
 PAIRS = [(seed, 2, False, 0 if seed % 2 else 2) for seed in range(1, 41)]
 ROWS = [(seed, 3 + seed % 2, bool(seed % 2), 2 * (seed % 2)) for seed in range(41, 51)]
-AT_ONCE = ["1-2-False-0"]
+AT_ONCE = "1-2-False-0-series"
+DRAWN = [pytest.param(*one, SERIES, id="-".join(map(str, (*one, "series")))) for one in PAIRS + ROWS]
+DRAWN += [pytest.param(*one, FINE, id="-".join(map(str, (*one, "dopri8")))) for one in (PAIRS + ROWS)[1::4]]
 
 
 @dataclasses.dataclass
@@ -54,34 +59,14 @@ def drawn(seed, blades, closed, points):
     return Drawn(p, modes, modal_reference.scene_of(p, modes, points), points)
 
 
-def ends_of(run, steps=STEPS):
-    """The states (periods, 6, N) at the ends of periods."""
-    names = (*COORDINATES, *(f"v_{name}" for name in COORDINATES))
-    return np.stack([np.asarray(getattr(run.motion, name))[steps::steps] for name in names], axis=1)
-
-
-def difference(found, wanted):
-    """The largest difference of states over the size of each kind of number."""
-    size = np.abs(wanted).max(axis=(0, 2))[:, None]
-    return np.max(np.abs(found - wanted) / np.where(size > 0, size, 1.0))
-
-
-@pytest.mark.full(but=AT_ONCE)
-@pytest.mark.parametrize(("seed", "blades", "closed", "points"), PAIRS + ROWS)
-def test_a_march_is_that_of_a_plain_integrator(seed, blades, closed, points):
+@pytest.mark.full(but=[AT_ONCE])
+@pytest.mark.parametrize(("seed", "blades", "closed", "points", "method"), DRAWN)
+def test_a_march_is_that_of_a_plain_integrator(seed, blades, closed, points, method):
     one = drawn(seed, blades, closed, points)
     opinion = one.opinion()
     if opinion is None:
         pytest.skip("the reference gives up, as faces become flat")
-    wanted, counts = opinion
-    run = js.simulate(one.scene, n_periods=PERIODS, method=FINE)
-    assert not np.any(run.status)
-    # Both march to some 1e-12; contact lets errors grow.
-    assert difference(ends_of(run), wanted) < 1e-8
-    for name, of_points in counts.items():
-        of_points = np.asarray(of_points).reshape(len(one.p.gap), -1).sum(axis=-1)
-        np.testing.assert_array_equal(run.counters[name], of_points.reshape(np.shape(run.counters[name])))
-    assert np.max(np.abs(run.energy_residual)) < 1e-8
+    assert_alike(js.simulate(one.scene, n_periods=PERIODS, method=method), *opinion)
 
 
 @pytest.mark.parametrize("wrong", ["zeta", "theta"])
@@ -94,24 +79,50 @@ def test_a_wrong_mode_is_another_motion(wrong):
         zeta=one.modes.zeta * (1.001 if wrong == "zeta" else 1), shapes=one.modes.shapes * hand
     )
     scene = dataclasses.replace(one.scene, blades=changed.blades)
-    assert difference(ends_of(js.simulate(scene, n_periods=PERIODS, method=FINE)), wanted) > 1e-6
+    assert difference(js.simulate(scene, n_periods=PERIODS, method=FINE), wanted) > 1e-6
 
 
 TABLE1 = ["drive.M_0=1"]
-THREE = ["row.blades=3", "shroud.gap=22 um", "row.closed=true", "drive.engine_order=1", "blades.I=2.46e-3"]
 
 
 @pytest.mark.full
+def test_an_accuracy_is_promised_and_kept():
+    one = drawn(5, 2, False, 0)
+    wanted, _ = modal_reference.corner_ends(one.p, one.modes, 3)
+
+    def reached(setting):
+        method = js.Taylor(setting.order, setting.tolerance, 200)
+        return difference(js.simulate(one.scene, n_periods=3, method=method), wanted)
+
+    choice = choose(one_lane(one.scene), 1, "balanced", lane_periods=8)
+    assert choice.promised
+    assert reached(choice.setting) < choice.accuracy
+    # Control: ten thousand times its tolerance.
+    assert reached(choice.setting._replace(tolerance=1e4 * choice.setting.tolerance)) > choice.accuracy
+
+
+# With less friction a nudge of 1e-13 stays 1e-14 over three periods.
+THREE = [
+    "friction.mu=0.1",
+    "row.blades=3",
+    "shroud.gap=22 um",
+    "row.closed=true",
+    "drive.engine_order=1",
+    "blades.I=2.46e-3",
+]
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("method", [js.RungeKutta("rk4", 400), js.Taylor(14, 1e-14, 400)], ids=["rk4", "series"])
 @pytest.mark.parametrize(("name", "numbers"), [("table1", TABLE1), ("row_chain5", THREE)], ids=["pair", "ring"])
-def test_lumped_blades_are_three_modes(name, numbers):
+def test_lumped_blades_are_three_modes(name, numbers, method):
     # Its start is not at rest: the shapes of x, y and theta also carry a motion of the shroud.
     moved = ["initial.x=2e-5", "initial.v_theta=0.1"]
     scene = js.load(name, [*numbers, *moved]).scene
     modes = modal_reference.modes_of_lumped(scene.blades)
     by_modes = dataclasses.replace(scene, blades=modes.blades)
-    method = js.RungeKutta("rk4", 400)
     run, other = (js.simulate(one, n_periods=3, method=method) for one in (scene, by_modes))
-    assert difference(ends_of(other, 400), ends_of(run, 400)) < 1e-12
+    assert difference(other, ends_of(run, 3)) < 1e-12
     for kind, count in run.counters.items():
         np.testing.assert_array_equal(other.counters[kind], count)
     np.testing.assert_allclose(js.largest_frequency(by_modes), js.largest_frequency(scene), rtol=1e-12)

@@ -26,7 +26,7 @@ from jaxshroud.march.stepper import POWER_SERIES
 from jaxshroud.march.tableau import TaylorOptions, tableau
 from jaxshroud.march.taylor_events import first_event, return_length
 from jaxshroud.march.taylor_expansion import per_radian, seconds_per_radian, taylor_expansion, wave_at
-from jaxshroud.march.taylor_integrals import OfBlade, TrialSpan, read_off
+from jaxshroud.march.taylor_integrals import TrialSpan, read_off
 from jaxshroud.march.taylor_trial import face_guards
 from jaxshroud.model.arithmetic import Unrolled, is_zero
 from jaxshroud.model.modes import FLAT, Mode
@@ -69,7 +69,7 @@ def expanded(state: State, scene) -> dict:
     way = taylor_expansion(lane, fixed, ORDER, alone)
     unit, s = seconds_per_radian(fixed), jnp.asarray(SHORT)
     at = lambda number: polynomial_value_and_rate(number, s)
-    ends = [list(map(at, zip(*a, strict=True))) for a in way[:3]]
+    ends = [list(map(at, zip(*a, strict=True))) for a in way.blades.own]
     x, y, theta = (Unrolled(*(value for value, _ in pair)) for pair in ends)
     v_x, v_y, v_theta = (Unrolled(*(rate for _, rate in pair)) for pair in ends)
     case = way.faces.case
@@ -77,16 +77,18 @@ def expanded(state: State, scene) -> dict:
     now = State(Motion(x, y, theta, v_x, v_y, v_theta), now.u_s, now.mode, case)
     scaled = per_radian(row, unit)
     slope, rates = row_rhs(there, now, clusters_of(now, scaled), scaled, Recorded(ledger=True), alone)
-    curved = [[jax.jvp(lambda s, a=a: at_rate(a, s), (s,), (1.0,))[1] for a in zip(*b, strict=True)] for b in way[:3]]
+    curved = [
+        [jax.jvp(lambda s, a=a: at_rate(a, s), (s,), (1.0,))[1] for a in zip(*b, strict=True)] for b in way.blades.own
+    ]
     faces, contact = at_only_interface(way.faces), State(None, state.u_s, state.mode, state.case)
     guards = [polynomial_value(guard, s) for _, guard in face_guards(faces, contact, scaled.pair)]
     seen = row_guards(now, there, scaled, alone, EVENTS).value
     wave = wave_at(jnp.int32(0), jnp.asarray(0.0), fixed.grid, alone)
 
     def gained(s):
-        own, contact = OfBlade(*way[:-1]), State(None, now.u_s, now.mode, now.case)
+        contact = State(None, now.u_s, now.mode, now.case)
         method = Choices(TaylorOptions(ORDER, 1e-7), "series", derivative=True)
-        return read_off(TrialSpan(s, unit, wave), own, way.faces, contact, (None, None), row, method).gain
+        return read_off(TrialSpan(s, unit, wave), way.blades, way.faces, contact, (None, None), row, method).gain
 
     _, rate = jax.jvp(gained, (s,), (jnp.ones(()),))
     works, exact = rate.ledger, rates.ledger

@@ -11,7 +11,7 @@ from test_modal_blades import MODES
 import jaxshroud as js
 
 SIGMA = np.array([3e9, -2e10, 5e10, 1e11])
-METHOD = js.RungeKutta(steps=800)
+METHODS = pytest.mark.parametrize("method", [js.RungeKutta(steps=800), js.Taylor(12, 1e-10, 200)], ids=str)
 
 
 def stressed(sigma, **changes):
@@ -22,17 +22,18 @@ def stressed(sigma, **changes):
     return p, modes, dataclasses.replace(scene, blades=js.ModalBlades(tuple(own)))
 
 
-def swept(scene, **changes):
+def swept(scene, method, **changes):
     """A sweep of one scene."""
     values = {"drive.omega": [float(scene.drive.omega)]}
-    return js.sweep(scene.replace(changes), values, n_periods=4, transient=300, method=METHOD, amplitudes=True)
+    return js.sweep(scene.replace(changes), values, n_periods=4, transient=300, method=method, amplitudes=True)
 
 
 @pytest.mark.full
-def test_stress_is_the_sum_of_that_of_the_modes():
+@METHODS
+def test_stress_is_the_sum_of_that_of_the_modes(method):
     # Apart, under a mean force: the sum over modes in closed form.
     p, modes, scene = stressed(SIGMA, gap=1.0)
-    run = swept(scene, **{"drive.F_x_mean": 5.0})
+    run = swept(scene, method, **{"drive.F_x_mean": 5.0})
     loads = np.array([np.array(p.F_0) * np.cos(p.beta), np.array(p.F_0) * np.sin(p.beta), np.array(p.M_0)])
     q = np.einsum("ajb,ab->jb", modes.shapes, loads) / (modes.k - p.omega**2 + 1j * p.omega * modes.c)
     np.testing.assert_allclose(run.sigma_a[0], np.abs(SIGMA @ q), rtol=1e-6)
@@ -45,10 +46,11 @@ def test_stress_is_the_sum_of_that_of_the_modes():
 
 
 @pytest.mark.full
-def test_stress_in_proportion_to_x_has_its_range():
+@METHODS
+def test_stress_in_proportion_to_x_has_its_range(method):
     scale = 1e12
     _, _, scene = stressed(scale * MODES.shapes[0][:, 0])
-    run = swept(scene)
+    run = swept(scene, method)
     about = run.sigma_m - scale * run.x_mean
     np.testing.assert_allclose(run.sigma_a + np.abs(about), scale * run.x_peak, rtol=1e-12)
     assert np.abs(about).max() > 1e-3 * run.sigma_a.max()  # contact makes it lopsided

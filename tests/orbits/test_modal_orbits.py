@@ -14,6 +14,7 @@ import row_reference
 
 import jaxshroud as js
 from jaxshroud.io.restart import stored_end
+from jaxshroud.march import taylor_trial
 from jaxshroud.model.blade import ModalMotion
 from jaxshroud.orbits.gradient import scenes_around
 from jaxshroud.scene.text import text_of
@@ -158,6 +159,42 @@ def test_derivatives_are_those_of_settled_sweeps(n, blades, points, seed):
     # Control: with the damper held instead of the damping ratio, the derivative by f is another one.
     held = slope[0] - slope[1] * levels[1] / levels[0]
     assert abs(held - wanted[0]) * levels[0] > 1e-5 * size
+
+
+def scaled_slopes(case, method):
+    """The derivatives of P_d of a settled scene, each times the number itself."""
+    scene = settled_scene(*case)
+    keys = ["blades.modes[0].f", "blades.modes[1].phi_x", "blades.modes[2].zeta", "shroud.gap", "friction.mu"]
+    found = js.gradient(scene, keys, method=method).value
+    return np.array([found[key] * level_of(scene, key) for key in keys])
+
+
+EXACT = js.RungeKutta("dopri8", 400, locate="bisection")
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("case", [SETTLED[2], SETTLED[-1], RINGS[0]])
+def test_derivatives_by_series_are_those_of_runge_kutta(case):
+    wanted, found = scaled_slopes(case, EXACT), scaled_slopes(case, js.Taylor(14, 1e-13, 400))
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-9 * np.max(np.abs(wanted)))
+
+
+@pytest.mark.full
+def test_naive_derivatives_by_series_are_wrong(monkeypatch):
+    # Control: events whose instants have no derivative; another order is compiled anew.
+    monkeypatch.setattr(taylor_trial, "at_event", lambda quantity, *_: quantity)
+    wanted, naive = scaled_slopes(SETTLED[2], EXACT), scaled_slopes(SETTLED[2], js.Taylor(13, 1e-13, 400))
+    assert np.max(np.abs(naive - wanted)) > 1e-5 * np.max(np.abs(wanted))
+
+
+@pytest.mark.full
+def test_a_design_by_series_is_that_of_runge_kutta():
+    how = {"search": js.SearchOptions(2, 1, 1), "motions": 2, "n_periods": 8, "transient": 24}
+    best, exact = (
+        js.tune(two_modes(), {"shroud.gap": (1e-5, 4e-5)}, method=method, **how).best
+        for method in (js.Taylor(14, 1e-13, 200), js.RungeKutta("dopri8", 200, locate="bisection"))
+    )
+    assert_close(best, exact)
 
 
 def by_modes(scene):

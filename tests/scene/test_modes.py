@@ -179,8 +179,3 @@ def test_arrays_of_other_shapes_are_refused():
 def test_what_modes_do_not_go_with(tmp_path, change, words):
     with pytest.raises((js.SceneError, js.InputError), match=words):
         by_file(tmp_path, change)
-
-
-def test_power_series_refuse_modes(tmp_path):
-    with pytest.raises(js.InputError, match="taylor does not know blades by modes"):
-        js.simulate(by_file(tmp_path), n_periods=1, method=js.Taylor())

@@ -24,7 +24,6 @@ def test_residual_vectors_carry_what_modes_leave_out():
     )
 
 
-@pytest.mark.filterwarnings("ignore:accuracy")  # that of blades by modes is not tried
 def test_three_modes_are_as_near_as_stored():
     P_d, x_peak = (np.array(STORED["reference"][name]) for name in ("P_d", "x_peak"))
     found = kept_modes.by_modes(3, residuals=True)
