@@ -161,8 +161,8 @@ def models() -> Iterator[Run]:
 def shipped() -> Iterator[Run]:
     """All shipped scenes."""
     for name in js.shipped():
-        if name.endswith(("_best", "_points")) or name.startswith(("row_", "fem_")):  # these are newer than what is stored
-            continue
+        if name.endswith(("_best", "_points")) or name.startswith(("row_", "fem_")):
+            continue  # these are newer than what is stored
 
         def does(given: Given, name=name) -> Values:
             return trajectory(given.scene(name), method("tsit5", "cubic", "float64"), 2, 400)
