@@ -36,7 +36,7 @@ from jaxshroud.model.row import RowModel, alone, coupling_losses, of_blades_that
 from jaxshroud.model.series import coefficients, polynomial, polynomial_value, polynomial_value_and_rate, rate_of
 
 EXTRA_WORK_TERMS = 4  # further terms of the works: without them the error of squares is 100 times the tolerance
-NO_MOTION = {8: 1e-250, 4: 1e-30}  # by the bytes of a number: a displacement [m, rad] and its rate per radian
+NO_MOTION = {8: 1e-250, 4: 1e-30}  # by the bytes of a number: a coordinate of a blade and its rate per radian
 TESTED_TOLERANCES = np.geomspace(*TOLERANCE_RANGE, 16)
 
 
@@ -284,7 +284,7 @@ def motion_after(own: tuple[Coefficients, ...], blades: AnyBlade, unit: Scalar, 
 
 
 def _unless_at_rest(value: Scalar, rate: Scalar) -> tuple[Scalar, Scalar]:
-    """A displacement and its rate, both 0 where they are so small that rounding to 0 would let them change sign."""
+    """A coordinate and its rate, both 0 where they are so small that rounding to 0 would let them change sign."""
     moves = jnp.abs(value) + jnp.abs(rate) > NO_MOTION[value.dtype.itemsize]
     return where(moves, value, 0.0), where(moves, rate, 0.0)
 

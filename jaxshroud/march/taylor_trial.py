@@ -283,6 +283,7 @@ class LargestTerms(NamedTuple):
 
 def _largest_terms(expansion: TaylorExpansion, fixed: Fixed[RowModel], order: int, each: Each) -> LargestTerms:
     """The largest coefficients over all blades."""
+    blades = fixed.model.blades
 
     def of_blade(own: tuple[Coefficients, ...], lever: Scalar) -> LargestTerms:
         def largest(n: int) -> Scalar:
@@ -292,7 +293,6 @@ def _largest_terms(expansion: TaylorExpansion, fixed: Fixed[RowModel], order: in
 
         return LargestTerms(reduce(jnp.maximum, map(largest, (1, 2, 3))), largest(order), largest(order - 1))
 
-    blades = fixed.model.blades
     lever = fixed.model.interfaces.block.a_x[0]
     terms = over(each, of_blade, expansion.blades.own, lever)
     return LargestTerms(speed=greatest(terms.speed), last=greatest(terms.last), before=greatest(terms.before))
@@ -468,7 +468,7 @@ def _lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[RowModel], me
     status = status_of(row_turned(after, lost, model), lost, too_many)
     # contact may begin flat although one end of the overlap already pulls
     turns = None if change.turns is None else where(step > lane.step, 0, change.turns)
-    recheck = any_along(change.jumped) | (search.recheck & outcome.reject)
+    recheck = any_along(change.jumped)
     if outcome.pending is not None:
         recheck = recheck | any_along(outcome.pending)
     next_search = next_search._replace(recheck=recheck, turns=turns, pending=outcome.pending)

@@ -98,7 +98,10 @@ def choose(
     choices = []
     spent = 0
     has_table = lanes.row is None and lanes.contact.points is None and lanes.mode_numbers is None
-    candidates, in_table = _candidates(lanes, level) if has_table else (_two_settings(level), False)
+    in_table = False
+    candidates = _two_settings(level)
+    if has_table:
+        candidates, in_table = _candidates(lanes, level)
     first = Choice(level, candidates[0], candidates[0].steps(*frequency_and_period), in_table or None)
     if in_table and not lane_periods:
         return first
@@ -223,7 +226,6 @@ def missed_lanes(
     methods know whether blades turn against each other up to the rounding of their angles, and nearly parallel faces
     ask that some thousand times. A fifth, finer march with twice the steps shows what flat contact drops.
     """
-    assert choice.steps is not None  # it was tried
     weight = ROUNDINGS if choice.accuracy < ROUNDED_BELOW else 1.0
     flat = jax.tree.map(np.asarray, scenes)
     moved = [_with_moved_start(flat, min(START_SHIFT, choice.accuracy / 1e3) * signs) for signs in START_SIGNS]
