@@ -22,6 +22,8 @@ from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import EndTorques
 from jaxshroud.scene.checks import InputError
 
+SLOW_TURN = 2000.0  # squared speed over acceleration and rounding: an arc of 1000 roundings at the most
+
 
 class Guard(NamedTuple):
     """The guard of one event."""
@@ -66,7 +68,10 @@ class ContactNow:
     @cached_property
     def of_corners(self) -> tuple[Guard, Guard]:
         """The guards of the two switches of the case, TURN and HEIGHT. Their rates in flat contact are not known."""
-        turn_value, height_value = map(self._in_contact, switch_guards(self.at, self.torques, self.case))
+        torque = where(is_upper(self.case), self.torques.upper, self.torques.lower)
+        slack = turn_slack(self.rate.turn, torque / self.model.mobility.joint, self.at.turn_rounding)
+        values = switch_guards(self.at, slack, self.torques, self.case)
+        turn_value, height_value = map(self._in_contact, values)
         turn, height = switch_signs(self.case)
         turn_rate, height_rate = self._at_corner(turn * self.rate.turn), self._at_corner(height * self.rate.height)
         return Guard(turn_value, turn_rate), Guard(height_value, height_rate)
@@ -83,12 +88,20 @@ def switch_signs(case: Case) -> tuple[Scalar, Scalar]:
     return where(is_upper(case), -1.0, 1.0), where(is_upper(case) == tip_is_left(case), 1.0, -1.0)
 
 
-def switch_guards(at: Kinematics, torques: EndTorques, case: Case) -> tuple[Scalar, Scalar]:
-    """The values of the guards TURN and HEIGHT in contact."""
+def turn_slack(rate: Scalar, acceleration: Scalar, rounding: Scalar) -> Scalar:
+    """The rounding error of theta_1 - theta_2, beyond which a turn counts, where it is as slow as flat contact ends.
+
+    It would delay each turn of faces that rock, and so drive their rocking.
+    """
+    return where(rate * rate > SLOW_TURN * jnp.abs(acceleration) * rounding, 0.0, rounding)
+
+
+def switch_guards(at: Kinematics, slack: Scalar, torques: EndTorques, case: Case) -> tuple[Scalar, Scalar]:
+    """The values of the guards TURN and HEIGHT in contact; `slack` is that of `turn_slack`."""
     turn, height = switch_signs(case)
     flat = case == FLAT
     return (
-        where(flat, -torques.lower, turn * at.turn - at.turn_rounding),
+        where(flat, -torques.lower, turn * at.turn - slack),
         where(flat, torques.upper, height * at.height),
     )
 

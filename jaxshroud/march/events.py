@@ -93,7 +93,7 @@ def _mode_after_friction(instant: EventInstant) -> Int[Array, ""]:
 
 
 def _turn_rounding(at: Kinematics) -> Scalar:
-    return at.turn_rounding
+    return at.turn_rounding / 4  # one rounding: what is taken for zero later than that drives the rocking of faces
 
 
 def _jumps_at_onset(model: Model) -> bool:

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxshroud.march.carry import Fixed, Lane, TimeGrid
-from jaxshroud.march.event import switch_guards
+from jaxshroud.march.event import switch_guards, turn_slack
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.locate import select
 from jaxshroud.march.taylor_events import Coefficients
@@ -36,7 +36,7 @@ from jaxshroud.model.blade import AnyBlade
 from jaxshroud.model.contact_law import linear_laws
 from jaxshroud.model.coupling import SUFFIXES
 from jaxshroud.model.geometry import FaceKinematics, rotation
-from jaxshroud.model.modes import FLAT
+from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, touches_at_corners
 from jaxshroud.model.rhs import EndTorques, Placement, Recorded, placement, torques_along_face
 from jaxshroud.model.row import (
@@ -261,7 +261,9 @@ def _switch_series(now: State, place: Placement, torque: Any, model: Model, orde
     if torque is not None:
         leans = torques_along_face(torque, place.loaded.forces, at, now, model)
         leans = EndTorques._make(polynomial(coefficients(a, order - 2)) for a in leans)
-    turn, height = switch_guards(at, leans, now.case)
+    apart = now.mode == Mode.APART  # where the sign of the angle sets the case
+    unsure = where(apart, at.turn_rounding, turn_slack(at.turn[1], 2 * at.turn[2], at.turn_rounding))
+    turn, height = switch_guards(at, unsure, leans, now.case)
     # where contact ends, LIFT is first
     flat = now.case == FLAT
     slack = model.law.normal_stiffness * model.block.l_ab * at.rounding

@@ -5,7 +5,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
-from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +18,6 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest, stiffness_ratio
 from jaxshroud.orbits.short_runs import HORIZON, HorizonEnds, end_states, state_errors
 from jaxshroud.scene.scene import Scene
-from jaxshroud.scene.typed import FloatArray
 from jaxshroud.signals.averages import least_tilt
 from jaxshroud.verbs.asked import Choice, Setting, accuracy_level, by_series, flat_return_for
 
@@ -31,6 +29,7 @@ ERROR_MARGIN = 3.0  # an estimated error is one draw: where motions multiply err
 MAX_SHARE = 0.1  # of the trial steps of a run, for the choice of its method
 LEAST_BUDGET = 10**6  # trial steps, for runs of pairs that are shorter than the choice: a few seconds
 COARSE_ORDER, FINE_ORDER = 10, 14  # of series that the table does not have: each order is a program of its own
+FINE_BELOW = 1e-8  # accuracies for which the finer order is taken
 SERIES_SHARE = 0.01  # of an accuracy, as their tolerance
 EXPECTED_TRIALS = 2
 SLACK = 3.0  # in the proportion of errors to tolerances
@@ -39,17 +38,6 @@ PARALLEL_TILT = 0.1  # see `least_tilt`
 TILTED, PARALLEL = 0, 1  # places in the table
 EndStates = Callable[[Scene, int, Choices, Tick], HorizonEnds]
 FORCE_PERTURBATION = 2.0**-50  # relative
-START_SHIFT = 1e-12  # of each displacement; of accuracies below 1e-9 a thousandth of them
-START_SIGNS = np.array(  # of x, y, theta of two blades, and of the next two likewise
-    [
-        [(1, -1), (1, 1), (-1, 1)],
-        [(1, 1), (-1, -1), (-1, 1)],
-        [(-1, -1), (-1, -1), (-1, -1)],
-        [(1, 1), (-1, 1), (-1, 1)],
-    ]
-)
-ROUNDINGS = 125.0  # errors over what such a shift makes of itself, where faces rock thousands of times
-ROUNDED_BELOW = 1e-8  # accuracies for which that was measured, at 1e-9; for others what a shift makes counts once
 ACCEPTABLE_RATIO = 2.0  # to the smallest error, if no error is small enough: the first such setting is taken
 
 
@@ -151,7 +139,7 @@ def _candidates(lanes: Scene, accuracy: float) -> tuple[list[Setting], bool]:
 
 def _two_settings(accuracy: float) -> list[Setting]:
     """The settings of rows, of faces of points and of blades by modes; the second is finer."""
-    setting = by_series(FINE_ORDER if accuracy < ROUNDED_BELOW else COARSE_ORDER, SERIES_SHARE * accuracy)
+    setting = by_series(FINE_ORDER if accuracy < FINE_BELOW else COARSE_ORDER, SERIES_SHARE * accuracy)
     setting = setting._replace(flat_return=flat_return_for(accuracy))
     return [setting, setting.finer(1)]
 
@@ -220,29 +208,6 @@ def setting_trial(
 def missed_lanes(
     scenes: Scene, choice: Choice, ends: EndStates = end_states, progress: Progress | None = None
 ) -> np.ndarray:
-    """Whether each lane (leading axis) may miss the accuracy: whether four marches to the horizon differ too much.
-
-    Their starts are moved, and what that makes of itself counts `ROUNDINGS` times for accuracies near rounding: all
-    methods know whether blades turn against each other up to the rounding of their angles, and nearly parallel faces
-    ask that some thousand times. A fifth, finer march with twice the steps shows what flat contact drops.
-    """
-    weight = ROUNDINGS if choice.accuracy < ROUNDED_BELOW else 1.0
+    """Whether each lane (leading axis) may miss the accuracy: whether it differs too much from the finer march."""
     flat = jax.tree.map(np.asarray, scenes)
-    moved = [_with_moved_start(flat, min(START_SHIFT, choice.accuracy / 1e3) * signs) for signs in START_SIGNS]
-    ticker = Ticker((len(moved) + 1) * HORIZON * len(flat.drive.omega), progress)
-    states = [ends(start, choice.steps, choice.method, ticker).motions for start in moved]
-    finer = ends(moved[-1], 2 * choice.steps, choice.setting.finer(1).exact.method, ticker).motions
-    grown = [weight * state_errors(one, other) for one, other in combinations(states, 2)]
-    return ~(np.max([*grown, state_errors(states[0], finer)], axis=0) <= choice.accuracy)
-
-
-def _with_moved_start(scenes: Scene, shares: FloatArray) -> Scene:
-    """The scenes (leading axis) with x, y, theta of the starts moved by shares of them, or of what the drive bends."""
-    b, load, start = scenes.running_blades, scenes.drive.largest_load, scenes.initial
-    static = load("x") / b.k_x, load("y") / b.k_y, load("theta") / b.k_T
-    signs = shares[:, np.arange(scenes.layout.blades) % 2]
-    moved = [
-        own + np.maximum(np.abs(own), bent) * share
-        for own, bent, share in zip((start.x, start.y, start.theta), static, signs, strict=True)
-    ]
-    return eqx.tree_at(lambda s: (s.initial.x, s.initial.y, s.initial.theta), scenes, tuple(moved))
+    return ~(setting_trial(flat, choice.setting, choice.steps, ends, progress).errors <= choice.accuracy)

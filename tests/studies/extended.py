@@ -18,7 +18,7 @@ from reference import Parameters
 
 SOURCE = Path(__file__).with_suffix(".c")
 STATUSES = ("ok", "crowded", "turned")
-MOST_EVENTS = 1_000_000
+MOST_EVENTS = 150_000
 
 
 class End(NamedTuple):

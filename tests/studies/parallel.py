@@ -34,15 +34,9 @@ from jaxshroud.version import __version__
 
 FILE = Path(__file__).with_suffix(".npz")
 SCENES, SEED, ASKED = 200, 2026, 1e-9
-LEVELS = (
-    (0.5, 4e-7),
-    (0.35, 2e-7),
-    (0.5, 1e-7),
-    (0.35, 5e-8),
-    (0.5, 2.5e-8),
-)  # shares of a step, times of a return [s]
+LEVELS = ((0.5, 4e-7), (0.35, 1e-7), (0.5, 2.5e-8), (0.35, 6e-9))  # shares of a step, times of a return [s]
 ALONE = 10
-SAME, SETTLED, MOST_SWITCHES = 1e-13, 2e-10, 15_000
+SAME, SETTLED, MOST_SWITCHES = 1e-13, 2e-10, 50_000
 
 
 class Opinions(NamedTuple):
@@ -97,10 +91,10 @@ def opinion(p: reference.Parameters) -> tuple[np.ndarray, float, int]:
             before, moved = ends[-2], distance(last, ends[-2])
             if moved < SAME:
                 return last, moved, run.switches
-            found.append(last + (last - before) / 3)  # what rocking that is dropped leaves falls with the time's square
+            found.append(last + (last - before) / 15)  # what is left by dropped rocking falls with the time's square
         if len(found) > 1:
             moved = distance(found[-1], found[-2])
-        if (len(found) > 1 and moved < SETTLED / 4) or run.switches > MOST_SWITCHES:
+        if run.switches > MOST_SWITCHES:
             break
     return (found or ends)[-1], moved, run.switches
 
