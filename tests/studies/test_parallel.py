@@ -10,13 +10,18 @@ from jaxshroud.orbits.short_runs import state_errors
 pytestmark = pytest.mark.studies
 
 
-def test_who_misses_an_accuracy_between_nearly_parallel_faces_is_marked():
-    # In one sweep; the marks' constants were chosen on these lanes, so that this guards what they reach there.
+def test_an_accuracy_is_kept_between_nearly_parallel_faces():
     told = parallel.figures(parallel.asked(parallel.lanes_of(parallel.drawn())), parallel.kept())
-    assert told["judged"] >= 170
-    assert told["miss it by more than twice, unmarked"] == 0, told["unmarked"]
+    assert told["judged"] >= 160
+    assert told["miss it"] == 0, told["unmarked"]
     assert told["of these marked"] <= 0.05 * told["keep it"]
-    assert told["miss it"] >= 20  # the sample can fail
+
+
+def test_who_misses_an_accuracy_between_nearly_parallel_faces_is_marked():
+    told = parallel.figures(parallel.asked(parallel.lanes_of(parallel.drawn()), parallel.COARSE), parallel.kept())
+    assert told["miss it"] >= 10
+    assert not told["unmarked"]
+    assert told["of these marked"] <= 0.05 * told["keep it"]
 
 
 def test_kept_opinions_are_those_of_the_plain_second_opinion():
