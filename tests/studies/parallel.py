@@ -1,10 +1,10 @@
 """Is 1e-9 kept between nearly parallel faces, and said where it is not? python tests/studies/parallel.py
 
 Two hundred random pairs around Table 1 with light blocks and small moments, three periods from rest, judged by a third
-opinion in extended precision (`extended.py`), whose ends are kept in `parallel.npz`; `--opinions` forms them anew, in
-some minutes, and needs a C compiler. It follows every case switch, until a rocking returns within a time that is quartered
-from `LEVELS` on; ends are extrapolated to none. A lane counts as judged where its ends by the last two levels, or the
-extrapolations from the last two pairs of them, agree to `SETTLED`.
+opinion in extended precision (`extended.py`), whose ends are kept in `parallel.npz`; `--opinions` forms them anew, in a
+quarter of an hour, and needs a C compiler. It follows every case switch, until a rocking returns within a time, ever
+shorter in `LEVELS`; ends are extrapolated to none. A lane counts as judged where its ends by the last two levels, or
+the extrapolations from the last two pairs of them, agree to `SETTLED`.
 
 The accuracy is asked for all lanes in one sweep, and for some each alone; a `COARSE` setting must miss it.
 `parallel.json` has for each how many judged lanes keep it, how many of these are marked, and every lane that misses it
