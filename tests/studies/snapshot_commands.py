@@ -130,21 +130,12 @@ CASES = (
     Case("refused, a wrong key", "simulate table1 --set shroud.gp=1 --out run.nc", status=2),
     Case("refused, one value", "sweep table1 --along contact.gamma --values 1 --out out", status=2),
     Case("refused, no such option", "power table1 --perods 3 --out out", status=2),
-    Case(
-        "refused, fit of a row",
-        "fit row_chain5 measured.csv --over shroud.gap=5um:60um --out out",
-        files={"measured.csv": MEASURED},
-        status=2,
-    ),
     Case("refused, trade of a row", "trade row_chain5 --out out", status=2),
-    Case("refused, lyapunov of a row", "lyapunov row_chain5 --out out", status=2),
-    Case("refused, attractors of a row", "attractors row_chain5 --out out", status=2),
     Case(
         "refused, a row without contact",
         "sweep row_chain5 --set parts.contact=none --along drive.F_0 --values 1,2 --out out",
         status=2,
     ),
-    Case("refused, a row by power series", "simulate row_chain5 --tableau taylor --out run.nc", status=2),
 )
 
 # What is not the same in two runs, or is nothing but rounding, and the word in its place.

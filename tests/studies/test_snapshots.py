@@ -6,7 +6,7 @@ import snapshot_programs
 import snapshots
 
 pytestmark = pytest.mark.studies
-COMMANDS = ("scenes", "sweep pair", "refused, fit of a row")
+COMMANDS = ("scenes", "sweep pair", "refused, trade of a row")
 PROGRAMS = ("lowered/pair, x alone, rk4", "lowered/row, x alone, dopri8, bisection")
 
 
