@@ -73,22 +73,24 @@ def chain_of(p: reference.Parameters) -> RowParameters:
 
 
 def pairs(count: int = 200, steps: int = STEPS) -> dict[str, Any]:
-    """Random pairs, half with nearly parallel faces: those that count hardly move if their gap changes by 1e-15.
+    """Random pairs, half with nearly parallel faces: those that count hardly move if a number changes by 1e-15.
 
-    Both sum in another order. Where rounding is multiplied so much that such a change of the gap moves the pair itself
-    by more than `STEADY`, nothing can be asked.
+    Both sum in another order. Where rounding is multiplied so much that such a change of the gap, to either side, or of
+    the contact stiffness moves the pair itself by more than `STEADY`, nothing can be asked.
     """
     draws = reference.random_parameters, nearly_parallel
     drawn = [draws[seed % 2](np.random.default_rng([SEED, seed])) for seed in range(count)]
-    wider = [dataclasses.replace(p, gap=p.gap * (1 + 1e-15)) for p in drawn]
+    changes = ("gap", 1e-15), ("gap", -1e-15), ("k", 1e-15)
+    changed = [[dataclasses.replace(p, **{name: getattr(p, name) * (1 + by)}) for p in drawn] for name, by in changes]
     of_pairs = lambda pairs: side_by_side.run([side_by_side.scene_of(p) for p in pairs], PERIODS, steps, EXACT_ROW)
     pair, row = of_pairs(drawn), run_rows([row_scene_of(chain_of(p)) for p in drawn], PERIODS, steps)
     ok = np.asarray(pair.last.status) == Status.OK
     alike = np.array_equal(pair.last.status, row.last.status[:count])
-    want, moved = (side_by_side.ends(runs).reshape(count, 6, 2) for runs in (pair, of_pairs(wider)))
-    off, by = [np.array([deviation(a[i], want[i]) for i in np.flatnonzero(ok)]) for a in (row.motion[:, -1], moved)]
+    want, *moved = (side_by_side.ends(runs).reshape(count, 6, 2) for runs in (pair, *map(of_pairs, changed)))
+    off, *by = [np.array([deviation(a[i], want[i]) for i in np.flatnonzero(ok)]) for a in (row.motion[:, -1], *moved)]
     all_pairs = {"rows": len(off), "beyond": int(np.sum(off > NEAR["pairs"])), "alike statuses": alike}
-    return {**spread(off[by < STEADY].tolist(), NEAR["pairs"]), "all": all_pairs, "deviations": off.tolist()}
+    steady = off[np.max(by, axis=0) < STEADY].tolist()
+    return {**spread(steady, NEAR["pairs"]), "all": all_pairs, "deviations": off.tolist()}
 
 
 def identities(sizes: tuple[int, ...] = (12, 24), periods: int = 5) -> dict[str, Any]:

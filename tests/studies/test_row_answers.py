@@ -7,7 +7,7 @@ pytestmark = pytest.mark.studies
 
 
 def test_chains_of_two_are_the_pair():
-    told = rows.pairs(40)
+    told = rows.pairs(48)
     assert told["all"]["alike statuses"]
     assert told["rows"] >= 20
     assert told["beyond"] == 0
