@@ -22,7 +22,7 @@ times g'' in the rates of theta; the ledger records the energy lost. A smaller s
 
 Flat contact ends where the torque at one end of the overlap no longer pushes back. There g, g' and g'' all vanish:
 the faces part with the third power of time, and the sign of g means nothing until g exceeds its rounding error. A turn
-of the blocks therefore counts only beyond that error.
+as slow as that therefore counts only beyond that error; any other counts at once, see `turn_slack`.
 """
 
 from typing import Any, NamedTuple

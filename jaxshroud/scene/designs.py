@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxshroud.scene.checks import MAX_VALUES, SceneError, toml_text
-from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, check_known, same_quantity
+from jaxshroud.scene.derived_inputs import check_known, same_quantity
 from jaxshroud.scene.grids import columns_of, scenes_at
 from jaxshroud.scene.keys import ALL_KEYS, Key, Motion, find_key, key_stem
 from jaxshroud.scene.optional import require_number
@@ -179,9 +179,8 @@ def _key_column(head: str, scene: Scene) -> KeyColumn | None:
         return None
     where = f"column {toml_text(head)}"
     row, _ = find_key(name, where, scene.layout)
+    require_number(row.name, fields_of(scene), where)
     check_known(name, inputs_of(scene), where, scene.layout)
-    if row.name not in DERIVED_BY_KEY:
-        require_number(row.name, fields_of(scene), where)
     unit = (match["unit"] or "").strip() if match else ""
     if unit in NO_UNIT:
         return KeyColumn(head, name, row, "")

@@ -283,13 +283,6 @@ class Drive(eqx.Module):
         """Whether the harmonics are those of a class of your own, all of whose numbers are fields."""
         return type(self).harmonics is not Drive.harmonics
 
-    def largest_load(self, name: str) -> Any:
-        """The sum over all harmonics of the amplitudes of the force along x or y [N], or of the moment on theta [N m].
-
-        The load never exceeds it; (blades,), by NumPy or JAX.
-        """
-        return sum(abs(one.load(name)) for one in self.harmonics().values())
-
     def frequency(self, order: int) -> Number:
         """The circular frequency of a harmonic [rad/s]."""
         return self.omega if order == 1 else order * self.omega

@@ -262,9 +262,9 @@ def axes(scene_file: SceneFile, sweep: SweepTable, where: str) -> tuple[Axis, ..
 def _known_row(scene_file: SceneFile, key: str, where: str) -> Key:
     """The row of a key, which the scene has."""
     row, _ = find_key(key, where, scene_file.layout)
-    check_known(key, scene_file.given, where, scene_file.layout)
     present = [f"{table}.{name}" for table, part in scene_file.tables.items() for name in part]
     require_number(row.name, present, where)
+    check_known(key, scene_file.given, where, scene_file.layout)
     return row
 
 

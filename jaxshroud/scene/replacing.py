@@ -63,8 +63,8 @@ def renamed_numbers(
     numbers, given = dict(numbers), dict(given)
     for key, value in values.items():
         number, index = find_key(key, layout=layout)
-        check_known(key, given, layout=layout)
         require_number(number.name, numbers)
+        check_known(key, given, layout=layout)
         is_input = number.name in DERIVED_BY_KEY
         holder = given if is_input else numbers
         xp = value.__array_namespace__()

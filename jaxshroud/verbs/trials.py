@@ -209,5 +209,4 @@ def missed_lanes(
     scenes: Scene, choice: Choice, ends: EndStates = end_states, progress: Progress | None = None
 ) -> np.ndarray:
     """Whether each lane (leading axis) may miss the accuracy: whether it differs too much from the finer march."""
-    flat = jax.tree.map(np.asarray, scenes)
-    return ~(setting_trial(flat, choice.setting, choice.steps, ends, progress).errors <= choice.accuracy)
+    return ~(setting_trial(scenes, choice.setting, choice.steps, ends, progress).errors <= choice.accuracy)

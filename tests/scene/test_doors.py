@@ -79,6 +79,7 @@ PLACES = {"contact.point[0].place", "contact.point[1].place"}
 OF_MOTION = {f"initial.{name}{at}" for name in Motion._fields for at in ("", "[0]")}  # that a static start has not
 OTHER_FORM = {f"drive.harmonic[{i}].F_x_re{at}" for i in (0, 1) for at in ("", "[0]")}
 NEVER = PLACES | OTHER_FORM | {"contact.width", "contact.width[0]"}
+OF_LUMPED_BLADES = {f"{key}{at}" for key in ALL_KEYS if key.startswith("blades.") for at in ("", "[0]")}
 PAIR_OF_NUMBERS = NEVER | OF_ROWS | GROWTHS | SPEED | UNTWIST | INPUT_OF_ONE_BLADE | LISTED_LOADS
 REFUSED = {  # what scenes have no number for
     "two orders": NEVER | OF_ROWS | GROWTHS | SPEED | UNTWIST | INPUT_OF_ONE_BLADE | SINGLE_LOADS,
@@ -86,6 +87,7 @@ REFUSED = {  # what scenes have no number for
     "wheel": NEVER | SINGLE_LOADS | {"contact.gamma[0]", "drive.phase", "drive.phase[0]"},
     "row_disk60": NEVER | SINGLE_LOADS | UNTWIST | OF_MOTION | {"contact.gamma[0]", "drive.phase", "drive.phase[0]"},
     "ring at a speed": NEVER | UNTWIST | INPUT_OF_ONE_BLADE | SINGLE_LOADS | {"contact.k[0]"},
+    "fem_blade": NEVER | OF_LUMPED_BLADES | UNTWIST | LISTED_LOADS | {"contact.gamma[0]"},
     "engine_order": NEVER | OF_ROWS | UNTWIST | LISTED_LOADS,
     **dict.fromkeys(
         ("row_chain5", "row_ring12", "row_ring12_points", "row_ring6_flutter"),
@@ -166,7 +168,7 @@ def test_every_door_gives_the_scene_of_set_or_refuses_too(name):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("name", [*OWN, "engine_order", "table1_points", "row_chain5"])
+@pytest.mark.parametrize("name", [*OWN, "engine_order", "table1_points", "row_chain5", "fem_blade"])
 def test_tables_and_stored_lanes_give_it_too(name):
     assert refused_of(name, OTHER_DOORS) <= REFUSED.get(name, PAIR_OF_NUMBERS)
 

@@ -12,15 +12,15 @@ pytestmark = pytest.mark.studies
 
 def test_an_accuracy_is_kept_between_nearly_parallel_faces():
     told = parallel.figures(parallel.asked(parallel.lanes_of(parallel.drawn())), parallel.kept())
-    assert told["judged"] >= 160
+    assert told["judged"] >= 170
     assert told["miss it"] == 0, told["unmarked"]
     assert told["of these marked"] <= 0.05 * told["keep it"]
 
 
 def test_who_misses_an_accuracy_between_nearly_parallel_faces_is_marked():
     told = parallel.figures(parallel.asked(parallel.lanes_of(parallel.drawn()), parallel.COARSE), parallel.kept())
-    assert told["miss it"] >= 10
-    assert not told["unmarked"]
+    assert told["miss it"] >= 15
+    assert len(told["unmarked"]) <= 1  # of which both trials are off alike
     assert told["of these marked"] <= 0.05 * told["keep it"]
 
 
