@@ -19,6 +19,7 @@ STAGES = dop853_coefficients.N_STAGES
 A, B, C = dop853_coefficients.A[:STAGES, :STAGES], dop853_coefficients.B, dop853_coefficients.C[:STAGES]
 ROUNDING = 2e-16  # of a displacement [m]: guards above zero by less are on it
 WITHIN = (1e-5, 1e-4, 1e-3, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 0.97)
+SIMULTANEOUS = 1e-9  # of a step
 COUNTED = ("onset_slip", "onset_stick", "separation", "stick_slip", "slip_stick")
 
 
@@ -244,7 +245,8 @@ def advance(run, end, h):
             # a guard that begins on zero may fall before it rises
             below = 0.0 if begun < 0 else next((s for s in WITHIN if value(s) < 0), None)
             roots.append(0.0 if below is None else brentq(value, below, 1.0, xtol=1e-16, rtol=1e-15))
-        first = int(np.argmin(roots))
+        # where slip begins as contact ends, to the rounding of their guards, contact has ended
+        first = next(i for i, root in enumerate(roots) if root <= min(roots) + SIMULTANEOUS)
         if roots[first] == 0.0:  # a guard that began on zero
             rising = [i for i, r in enumerate(roots) if r == 0.0]
             first = rising[0]

@@ -15,7 +15,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxshroud.march.carry import Fixed, Lane
-from jaxshroud.march.locate import at_event, event_tolerance, select_guard
+from jaxshroud.march.locate import at_event, select_guard
 from jaxshroud.march.method import Choices
 from jaxshroud.march.rk_step import TrialInterval, interval_in_step, stage_state, waves_at_nodes, weighted_sum
 from jaxshroud.march.row_guards import row_guards
@@ -128,8 +128,8 @@ class RowCrossing(NamedTuple):
     pending: Bool[Array, "interfaces lanes"] | None  # events of this instant that are left; None: no derivatives
 
 
-def one_after_the_other(crossing: RowCrossing, lane: Lane, place: Any, h: OfLanes, method: Choices) -> RowCrossing:
-    """The crossing of the event at `place` alone, in a step of `h` seconds, with those that are left."""
+def one_after_the_other(crossing: RowCrossing, lane: Lane, place: Any) -> RowCrossing:
+    """The crossing of the event at `place` alone, with those that are left."""
     search = lane.search
     here = is_place(place, crossing.fires)
     assert search.pending is not None
@@ -137,13 +137,8 @@ def one_after_the_other(crossing: RowCrossing, lane: Lane, place: Any, h: OfLane
     first, eligible = crossing.fires & here, crossing.fires & (search.pending | moves)
     fires = any_along(first)
     waits = ~moves & any_along(first & search.pending)
-    finest = event_tolerance(jnp.zeros((), bool), method, h.dtype)
-    return RowCrossing(
-        first,
-        crossing.kind,
-        fires & (moves | waits),
-        where(waits, finest * h, crossing.delay),
-        where(fires, eligible & ~first, search.pending),
+    return crossing._replace(
+        fires=first, is_root=fires & (moves | waits), pending=where(fires, eligible & ~first, search.pending)
     )
 
 

@@ -38,7 +38,7 @@ from jaxshroud.march.event import (
     guards_after_event,
     guards_to_begin_with,
 )
-from jaxshroud.march.locate import LocationDecision, select
+from jaxshroud.march.locate import LocationDecision, event_tolerance, select
 from jaxshroud.march.log import (
     AcceptedTrial,
     lane_after,
@@ -218,9 +218,11 @@ def judge_row_trial(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method:
     of_row = row_outcome(search, outcome, lane.guards)
     decision = each(judge, search._replace(pending=None, turns=None), of_row, running(lane, stop), grid.h)
     fires = decision.fire & outcome.hit
-    crossing = RowCrossing(fires, outcome.kind, decision.fire, decision.delay, None)
+    follows = (search.length == 0) & ((lane.step > 0) | (search.done > 0))  # another event of this instant
+    delay = where(follows, event_tolerance(jnp.zeros((), bool), method, h.dtype) * grid.h, decision.delay)
+    crossing = RowCrossing(fires, outcome.kind, decision.fire, delay, None)
     if method.derivative:
-        crossing = one_after_the_other(crossing, lane, of_row.crossed.place, grid.h, method)
+        crossing = one_after_the_other(crossing, lane, of_row.crossed.place)
     return RowVerdict(decision, outcome, crossing, torque, joint, ~is_finite_row(end.state))
 
 
