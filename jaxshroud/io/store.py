@@ -8,9 +8,7 @@ import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, overload
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from jaxshroud.batch.limits import check_memory
 from jaxshroud.io.files import write
@@ -127,15 +125,11 @@ def _checked_texts(ds: "xr.Dataset") -> "xr.Dataset":
     Raises:
         ValueError: A text is not UTF-8.
     """
-    texts: dict[str, Any] = {"its attributes": ds.attrs}
-    for name, variable in ds.variables.items():
-        values = variable.to_numpy().tolist() if variable.dtype.kind in "OU" else ()
-        texts[str(name)] = [name, variable.attrs, values]
-    for where, part in texts.items():
-        try:
-            json.dumps(part, ensure_ascii=False, default=lambda value: [*map(str, np.ravel(value))]).encode()
-        except UnicodeEncodeError:
-            raise ValueError(f"text that is not UTF-8 in {where!a}") from None
+    values = [a.to_numpy().tolist() for a in ds.variables.values() if a.dtype.kind in "OU"]
+    try:
+        json.dumps([ds.to_dict(data=False), values], ensure_ascii=False, default=str).encode()
+    except UnicodeEncodeError:
+        raise ValueError("a text is not UTF-8") from None
     return ds
 
 
@@ -163,25 +157,12 @@ def read_json(path: Path) -> Any:
     """
     try:
         with open_regular(path) as file:
-            return json.loads(file.read().decode("utf-8"))
+            return json.load(file)
     except (OSError, ValueError, RecursionError) as error:
         raise StoreError(f"{path}: cannot be read ({error}); run the command again") from None
 
 
-@overload
-def json_values(value: Mapping[str, object]) -> dict[str, JSONValue]: ...
-
-
-@overload
-def json_values(value: object) -> JSONValue: ...
-
-
-def json_values(value: Any) -> JSONValue:
+def json_values(value: object) -> Any:
     """`value` as JSON holds it: arrays and tuples as lists, and None for numbers that are not finite."""
-    if isinstance(value, dict):
-        return {key: json_values(v) for key, v in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [json_values(v) for v in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+    text = json.dumps(value, default=lambda array: array.tolist())
+    return json.loads(text, parse_constant=lambda _: None)
