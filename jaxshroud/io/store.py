@@ -39,32 +39,25 @@ def read(path: str | os.PathLike[str], *, checked: bool = True) -> "xr.Dataset":
     path = Path(path)
     if path.suffix == ".zarr":
         return _read_zarr(path, checked)
-    if path.is_dir():
-        raise StoreError(f"{path}: is a folder; give the result in it, such as {path / 'sweep.nc'}")
-    if not path.exists():
-        raise StoreError(f"{path}: no such file; give a result written by jaxshroud")
     if not path.is_file():
-        raise StoreError(f"{path}: is no regular file; give a result written by jaxshroud")
-    with _half_opened_files_silent():
-        found = _netcdf(path)
-        if isinstance(found, str):
-            gc.collect()  # here, and not when nobody listens
-    if isinstance(found, str):
-        raise StoreError(f"{path}: not a complete result file ({found}); run the command again")
-    return found
+        kind = "is a folder" if path.is_dir() else "is no regular file" if path.exists() else "no such file"
+        raise StoreError(f"{path}: {kind}; give a result written by jaxshroud")
+    return _read_netcdf(path)
 
 
-def _netcdf(path: str | os.PathLike[str]) -> "xr.Dataset | str":
-    """The dataset of a NetCDF file, or why it is none."""
+def _read_netcdf(path: Path) -> "xr.Dataset":
     import xarray as xr
 
-    try:
-        with xr.open_dataset(path, engine="h5netcdf", phony_dims="access") as ds:
-            check_memory("it", ds.nbytes)
-            _check_sizes(ds, path)
-            return _checked_texts(ds.load())
-    except Exception as error:  # h5py raises many types on damaged files
-        return _reason(error)
+    with _half_opened_files_silent():
+        try:
+            with xr.open_dataset(path, engine="h5netcdf", phony_dims="access") as ds:
+                check_memory("it", ds.nbytes)
+                _check_sizes(ds, path)
+                return _checked_texts(ds.load())
+        except Exception as error:  # h5py raises many types on damaged files
+            reason = _reason(error)
+        gc.collect()  # here, and not when nobody listens
+    raise StoreError(f"{path}: not a complete result file ({reason}); run the command again")
 
 
 @contextmanager
@@ -97,7 +90,7 @@ def _read_zarr(path: Path, checked: bool) -> "xr.Dataset":
         ds = ds[[*stored[BLOCKED], *stored[OTHERS]]]
         ds = ds.assign({name: a.astype(object).astype(str) for name, a in ds.variables.items() if a.dtype.kind == "T"})
         return _checked_texts(ds.load() if ds.nbytes < LARGE else ds)
-    except (OSError, ValueError, KeyError, TypeError, RuntimeError) as error:
+    except Exception as error:  # of any type: it depends on where it is damaged
         raise StoreError(f"{path}: damaged ({_reason(error)}); --resume of the same sweep computes it anew") from None
 
 
@@ -106,16 +99,14 @@ def _reason(error: Exception) -> str:
     return " ".join(str(error).split())[:LONGEST_REASON]
 
 
-def _check_sizes(ds: "xr.Dataset", path: str | os.PathLike[str]) -> None:
+def _check_sizes(ds: "xr.Dataset", path: Path) -> None:
     """Raise ValueError unless each variable has the size of its dimensions, as missing values would be read as 0."""
     import h5py
 
     with h5py.File(path) as file:
         for name, variable in ds.variables.items():
-            stored = file.get(str(name))
-            if "phony_dim" in str(variable.dims) or (
-                isinstance(stored, h5py.Dataset) and stored.shape != variable.shape
-            ):
+            stored = getattr(file.get(str(name)), "shape", variable.shape)
+            if "phony_dim" in str(variable.dims) or stored != variable.shape:
                 raise ValueError(f"{name} has not the size of its dimensions")
 
 

@@ -102,11 +102,8 @@ def _await_answer(address: str) -> None:
         async with rpc(address) as scheduler:
             await scheduler.identity()
 
-    limit = config.get("distributed.comm.timeouts.connect")
     try:
-        LoopRunner().run_sync(answer, callback_timeout=limit)
-    except TimeoutError:
-        raise TimeoutError(f"Timed out waiting for an answer after {limit}") from None
+        LoopRunner().run_sync(answer, callback_timeout=config.get("distributed.comm.timeouts.connect"))
     except Exception as error:  # of any type: it depends on what answers
         raise ConnectionError(error) from None
 

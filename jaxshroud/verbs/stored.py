@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -37,9 +37,6 @@ from jaxshroud.verbs.sweep_run import (
     lane_periods,
     run_sweep,
 )
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 STRETCH_SECONDS = 2.0  # that some continued values take, if they are more than one: the time that a kill may cost
 MIN_PART_LANES, MAX_PARTS = 1024, 16  # a larger sweep is computed in about this many parts, none smaller
@@ -90,8 +87,8 @@ class SweepTask(NamedTuple):
         return SweepTask(part, states, direction, self.settings._replace(is_part=self.lanes > 1))
 
 
-def compute_part(task: SweepTask, handover: SweepHandover) -> tuple["xr.Dataset", SweepHandover, float]:
-    """Run lanes, from where the values before them have ended; the seconds that it took are returned too."""
+def compute_part(task: SweepTask, handover: SweepHandover) -> tuple[Any, SweepHandover, float]:
+    """The dataset of lanes that go on from the values before them, where these end, and the seconds that it took."""
     began = time.perf_counter()
     data = confirmed_run(
         lambda settings: run_sweep(task.grid, task.states, task.direction, settings, handover), task.settings
