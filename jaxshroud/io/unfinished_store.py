@@ -181,7 +181,7 @@ class Unfinished:
             about = {
                 "at": [[lanes.start, lanes.stop] for lanes in record.at],
                 "reports": record.reports,
-                CHECKSUM: _checksum(path.stem, self.arrays, record.at),
+                CHECKSUM: _checksum(path.stem.encode(), self.arrays, record.at),
             }
             content = io.BytesIO()
             np.savez(content, *record.handover, about=json.dumps(about))
@@ -267,15 +267,15 @@ def _read_record(path: Path, arrays: "Mapping[str, zarr.Array]") -> BlockRecord 
             text, *handover = entries.values()
         about = json.loads(str(text))
         at = tuple(slice(*ends) for ends in about["at"])
-        agrees = about[CHECKSUM] == _checksum(path.stem, arrays, at)
+        agrees = about[CHECKSUM] == _checksum(path.stem.encode(), arrays, at)
         return BlockRecord(at, about["reports"], handover) if agrees else None
     except Exception:  # of any type: it depends on where the record or an array is damaged
         return None
 
 
-def _checksum(named: str, arrays: "Mapping[str, zarr.Array]", at: Any = ...) -> str:
+def _checksum(named: bytes, arrays: "Mapping[str, zarr.Array]", at: Any = ...) -> str:
     """The checksum of what names or describes some arrays, and of their values."""
-    total = hashlib.sha256(named.encode())
+    total = hashlib.sha256(named)
     for array in arrays.values():
         values = np.asarray(array[at])
         total.update(repr(values.tolist()).encode() if values.dtype.kind == "T" else values.tobytes())
@@ -294,7 +294,7 @@ def _sweep_arrays(store: Path) -> "dict[str, zarr.Array]":
 def _arrays_checksum(store: Path, names: Mapping[str, Any]) -> str:
     """The checksum of the descriptions of all arrays, and of the values of those that are not made of blocks."""
     descriptions = [_content(store / name / DESCRIPTION_FILE) for name in (*names[BLOCKED], *names[OTHERS])]
-    return _checksum(str(descriptions), _opened(store, names[OTHERS]))
+    return _checksum(b"".join(descriptions), _opened(store, names[OTHERS]))
 
 
 def _opened(store: Path, names: Iterable[str]) -> "dict[str, zarr.Array]":
