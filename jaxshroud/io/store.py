@@ -39,8 +39,10 @@ def read(path: str | os.PathLike[str], *, checked: bool = True) -> "xr.Dataset":
     path = Path(path)
     if path.suffix == ".zarr":
         return _read_zarr(path, checked)
+    if path.is_dir():
+        raise StoreError(f"{path}: is a folder; give the result in it, such as {path / 'sweep.nc'}")
     if not path.is_file():
-        kind = "is a folder" if path.is_dir() else "is no regular file" if path.exists() else "no such file"
+        kind = "is no regular file" if path.exists() else "no such file"
         raise StoreError(f"{path}: {kind}; give a result written by jaxshroud")
     return _read_netcdf(path)
 
