@@ -70,8 +70,7 @@ def open_unfinished(
         StoreError: The path holds the store of another sweep or no store, or is in use.
         WriteError: The path cannot be written.
     """
-    if not _identity(path):
-        _refuse_foreign(path)
+    _own_files(path, alone=not _identity(path))
     with _locked(path):
         stored = _identity(path)
         _refuse_other(path, stored or about, about)
@@ -97,24 +96,25 @@ def _identity(path: Path) -> dict[str, str]:
     return group_attributes(path / RESUME).get(SWEEP, {})
 
 
-def _refuse_foreign(path: Path) -> None:
-    """Raise StoreError if a folder holds anything that may not have been written by a sweep."""
-    foreign = {part for part in path.rglob("*") if part.is_symlink() or not part.is_dir()}.difference(_own_files(path))
-    if foreign:
-        raise StoreError(
-            f"{path}: holds {min(foreign).relative_to(path).as_posix()!r}, which is not of a store that a sweep has "
-            "begun, and stays as it is; choose another --out"
-        )
+def _own_files(path: Path, *, alone: bool = False) -> list[Path]:
+    """The files in a folder that a sweep writes: without an identity, those of its first moment alone.
 
-
-def _own_files(path: Path) -> list[Path]:
-    """The files in a folder that a sweep writes: without an identity, those of its first moment alone."""
+    Raises:
+        StoreError: They are to be `alone`, and the folder holds anything else.
+    """
     names = STORE_FILE if _identity(path) else FIRST_FILE
-    return [
-        file
-        for file in path.rglob("*")
-        if names.fullmatch(file.relative_to(path).as_posix()) and file.is_file() and not file.is_symlink()
-    ]
+    own = []
+    for part in sorted(path.rglob("*")):
+        name = part.relative_to(path).as_posix()
+        is_link = part.is_symlink()
+        if names.fullmatch(name) and part.is_file() and not is_link:
+            own.append(part)
+        elif alone and (is_link or not part.is_dir()):
+            raise StoreError(
+                f"{path}: holds {name!r}, which is not of a store that a sweep has begun, and stays as it is; choose "
+                "another --out"
+            )
+    return own
 
 
 @contextmanager
@@ -181,7 +181,7 @@ class Unfinished:
             about = {
                 "at": [[lanes.start, lanes.stop] for lanes in record.at],
                 "reports": record.reports,
-                CHECKSUM: _values_checksum(path, record.at, self.arrays),
+                CHECKSUM: _checksum(path.stem.encode(), self.arrays, record.at),
             }
             content = io.BytesIO()
             np.savez(content, *record.handover, about=json.dumps(about))
@@ -198,7 +198,7 @@ class Unfinished:
     def describe(self, blocked: Iterable[object], others: Iterable[object]) -> None:
         """Write what identifies the sweep, and which arrays there are."""
         about = {SWEEP: self.about, BLOCKED: [*blocked], OTHERS: [*others]}
-        _write_group(self.path / RESUME, {**about, CHECKSUM: _arrays_checksum(self.path, about)})
+        write_attributes(self.path / RESUME, {**about, CHECKSUM: _arrays_checksum(self.path, about)})
 
     def _record_path(self, block: Lanes) -> Path:
         return self.path / RESUME / f"{'-'.join(str(lanes.start) for lanes in block)}.npz"
@@ -210,7 +210,7 @@ class Unfinished:
         for name, variable in data.variables.items():
             self._write_array(str(name), variable, self.shape, self.block)
         self.describe(data.variables, self.known.variables)
-        _write_group(self.path, {**data.attrs, **self.known.attrs, "complete": 0})
+        write_attributes(self.path, {**data.attrs, **self.known.attrs, "complete": 0})
         self.arrays = _sweep_arrays(self.path)
 
     def _write_array(
@@ -229,20 +229,22 @@ class Unfinished:
             dtype=str if kind == "U" else variable.dtype,
             fill_value=Status.NOT_RUN if name == "status" else np.nan if kind == "f" else None,
             dimension_names=[*map(str, variable.dims)],
-            attributes=_plain(variable.attrs),
+            attributes=variable.to_dict(data=False)["attrs"],
             zarr_format=3,
         )
         if not lanes:
             array[...] = variable.to_numpy()
 
 
-def write_attributes(path: Path, attrs: Mapping[str, object]) -> None:
-    """Change attributes of the dataset in a store.
+def write_attributes(group: Path, attrs: Mapping[str, object]) -> None:
+    """Add or change attributes of a Zarr group, such as the dataset of a store; a group that is missing is begun.
 
     Raises:
         WriteError: The file cannot be written.
     """
-    _write_group(path, {**group_attributes(path), **attrs})
+    about = {"zarr_format": 3, "node_type": "group", "attributes": {**group_attributes(group), **attrs}}
+    text = json.dumps(about, indent=1, default=lambda value: value.tolist())
+    write(group / DESCRIPTION_FILE, text.encode(), is_result=False)
 
 
 def group_attributes(group: Path) -> dict[str, Any]:
@@ -251,17 +253,6 @@ def group_attributes(group: Path) -> dict[str, Any]:
         return dict(json.loads(_content(group / DESCRIPTION_FILE))["attributes"])
     except (OSError, ValueError, KeyError, TypeError):
         return {}
-
-
-def _write_group(path: Path, attrs: Mapping[str, object]) -> None:
-    """Write the description of a Zarr group."""
-    group = {"zarr_format": 3, "node_type": "group", "attributes": _plain(attrs)}
-    write(path / DESCRIPTION_FILE, json.dumps(group, indent=1).encode(), is_result=False)
-
-
-def _plain(attrs: Mapping[Any, object]) -> dict[str, Any]:
-    """Attributes as JSON holds them: without arrays and numbers of NumPy."""
-    return {name: np.asarray(value).tolist() for name, value in attrs.items()}
 
 
 def _content(path: Path) -> bytes:
@@ -276,17 +267,18 @@ def _read_record(path: Path, arrays: "Mapping[str, zarr.Array]") -> BlockRecord 
             text, *handover = entries.values()
         about = json.loads(str(text))
         at = tuple(slice(*ends) for ends in about["at"])
-        agrees = about[CHECKSUM] == _values_checksum(path, at, arrays)
+        agrees = about[CHECKSUM] == _checksum(path.stem.encode(), arrays, at)
         return BlockRecord(at, about["reports"], handover) if agrees else None
     except Exception:  # of any type: it depends on where the record or an array is damaged
         return None
 
 
-def _values_checksum(path: Path, at: Lanes, arrays: "Mapping[str, zarr.Array]") -> str:
-    """The checksum of the name of a record, and of the values of its lanes."""
-    total = hashlib.sha256(path.stem.encode())
+def _checksum(named: bytes, arrays: "Mapping[str, zarr.Array]", at: Any = ...) -> str:
+    """The checksum of what names or describes some arrays, and of their values."""
+    total = hashlib.sha256(named)
     for array in arrays.values():
-        total.update(np.asarray(array[at]).tobytes())
+        values = np.asarray(array[at])
+        total.update(repr(values.tolist()).encode() if values.dtype.kind == "T" else values.tobytes())
     return total.hexdigest()
 
 
@@ -301,13 +293,8 @@ def _sweep_arrays(store: Path) -> "dict[str, zarr.Array]":
 
 def _arrays_checksum(store: Path, names: Mapping[str, Any]) -> str:
     """The checksum of the descriptions of all arrays, and of the values of those that are not made of blocks."""
-    total = hashlib.sha256()
-    for name in (*names[BLOCKED], *names[OTHERS]):
-        total.update(_content(store / name / DESCRIPTION_FILE))
-    for array in _opened(store, names[OTHERS]).values():
-        values = np.asarray(array[...])
-        total.update(repr(values.tolist()).encode() if values.dtype.kind == "T" else values.tobytes())
-    return total.hexdigest()
+    descriptions = [_content(store / name / DESCRIPTION_FILE) for name in (*names[BLOCKED], *names[OTHERS])]
+    return _checksum(b"".join(descriptions), _opened(store, names[OTHERS]))
 
 
 def _opened(store: Path, names: Iterable[str]) -> "dict[str, zarr.Array]":
@@ -339,7 +326,7 @@ def remove_store(path: Path) -> None:
         WriteError: It cannot be removed.
     """
     if path.exists():
-        _refuse_foreign(path)
+        _own_files(path, alone=True)
         with _locked(path), _writing_errors(path):
             for file in _own_files(path):
                 file.unlink()

@@ -8,10 +8,9 @@ import json
 import logging
 import re
 import signal
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import CancelledError
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, no_type_check
@@ -26,15 +25,7 @@ if TYPE_CHECKING:
 LOCAL_SCHEDULER = re.compile(r"local:([1-9]\d*)")
 
 
-@dataclass
-class Part:
-    """A part of a sweep; who computes it notes what it has computed before it asks for the next part of the chain."""
-
-    compute: Callable[[], Any]
-    computed: Any = None
-
-
-Chain = Iterator[Part]  # each part needs the one before it
+Chain = Generator[Callable[[], Any], Any, None]  # of parts, each of which needs the results of the one before it
 
 
 @contextmanager
@@ -111,11 +102,8 @@ def _await_answer(address: str) -> None:
         async with rpc(address) as scheduler:
             await scheduler.identity()
 
-    limit = config.get("distributed.comm.timeouts.connect")
     try:
-        LoopRunner().run_sync(answer, callback_timeout=limit)
-    except TimeoutError:
-        raise TimeoutError(f"Timed out waiting for an answer after {limit}") from None
+        LoopRunner().run_sync(answer, callback_timeout=config.get("distributed.comm.timeouts.connect"))
     except Exception as error:  # of any type: it depends on what answers
         raise ConnectionError(error) from None
 
@@ -207,19 +195,16 @@ def compute_on_workers(chains: Iterable[Chain], client: "Client", identity: Mach
     settings = thread_settings() | {"default_device": None}
     at_worker = _worker_function()
     done = as_completed(loop=client.loop)
-    in_progress: dict[Future, tuple[Chain, Part]] = {}
+    in_progress: dict[Future, Chain] = {}
 
-    def submit(chain: Chain) -> None:
-        for part in chain:  # the next one alone
-            sent = cloudpickle.dumps(part.compute)
+    def submit(chain: Chain, computed: Any = None) -> None:
+        with suppress(StopIteration):
+            sent = cloudpickle.dumps(chain.send(computed))
             future = client.submit(at_worker, identity, sent, settings, pure=False)
-            in_progress[future] = chain, part
+            in_progress[future] = chain
             done.add(future)
-            return
 
     for chain in chains:
         submit(chain)
     for future in done:
-        chain, part = in_progress.pop(future)
-        part.computed = _worker_result(future)
-        submit(chain)
+        submit(in_progress.pop(future), _worker_result(future))

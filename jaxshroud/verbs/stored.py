@@ -4,7 +4,7 @@ import math
 import time
 import zlib
 from collections.abc import Iterator, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import product
@@ -27,7 +27,7 @@ from jaxshroud.results.sweep import DIRECTION, SweepResult, compare_directions, 
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import SINGLE_DIRECTIONS, Direction
 from jaxshroud.scene.text import words_of
-from jaxshroud.verbs.cluster import Chain, Part, compute_on_workers, connected_client, worker_identity
+from jaxshroud.verbs.cluster import Chain, compute_on_workers, connected_client, worker_identity
 from jaxshroud.verbs.sweep_run import (
     MAX_LANES_AT_ONCE,
     Grid,
@@ -87,23 +87,15 @@ class SweepTask(NamedTuple):
         return SweepTask(part, states, direction, self.settings._replace(is_part=self.lanes > 1))
 
 
-class ComputedPart(NamedTuple):
-    """The result of a part."""
-
-    result: SweepResult
-    handover: SweepHandover
-    seconds: float  # that it took
-
-
-def compute_part(task: SweepTask, handover: SweepHandover) -> ComputedPart:
-    """Run lanes; `handover` is from the values before them."""
+def compute_part(task: SweepTask, handover: SweepHandover) -> tuple[Any, SweepHandover, float]:
+    """The dataset of lanes that go on from the values before them, where these end, and the seconds that it took."""
     began = time.perf_counter()
     data = confirmed_run(
         lambda settings: run_sweep(task.grid, task.states, task.direction, settings, handover), task.settings
     ).data
     if not task.settings.keep_samples:
         data = data.drop_vars(Motion._fields)
-    return ComputedPart(SweepResult(data), handover, time.perf_counter() - began)
+    return data, handover, time.perf_counter() - began
 
 
 def store_sweep(sweep: SweepTask, path: Path, scheduler: str | None = None) -> SweepResult:
@@ -137,8 +129,10 @@ def store_sweep(sweep: SweepTask, path: Path, scheduler: str | None = None) -> S
             try:
                 if client is None:
                     for chain in run.chains():
-                        for part in chain:
-                            part.computed = part.compute()
+                        computed = None
+                        with suppress(StopIteration):
+                            while True:
+                                computed = chain.send(computed)()
                 else:
                     compute_on_workers(run.chains(), client, identity)
             except KeyboardInterrupt:
@@ -209,7 +203,7 @@ class StoredRun:
                 yield self._chain(direction, at)
 
     def _chain(self, direction: Direction, at: tuple[Any, ...]) -> Chain:
-        """Yield the parts that are not stored yet, one after the other, and store their results.
+        """Yield what computes the parts that are not stored yet, one after the other, and store what is sent back.
 
         Args:
             direction: The direction.
@@ -227,40 +221,36 @@ class StoredRun:
         handover = SweepHandover()
         seconds = np.inf  # that a value took lately
         for values in at[along]:
-            left = values
+            done = 0
             reports = []
             record = self.store.begun(lanes(values))
             if record is not None:
                 finished = record.at[along]
-                left = values[finished.stop - finished.start :]
+                done = finished.stop - finished.start
                 reports = record.reports
                 handover = _handover(record, sweep.grid)
-                self._tick((len(values) - len(left)) * lanes_per_value)
-            while left:
+                self._tick(done * lanes_per_value)
+            while done < len(values):
                 count = self.at_once // lanes_per_value
                 if direction != "independent":
                     count = min(count, int(STRETCH_SECONDS / seconds))
                 count = max(count, 1)
-                if (len(left) - count) * lanes_per_value == 1:
+                if (len(values) - done - count) * lanes_per_value == 1:
                     count += 1
-                now = left[:count]
-                left = left[count:]
+                now = values[done : done + count]
+                done += count
                 here = lanes(now)
                 task = sweep.part(here[outer:], direction)
-                part = Part(partial(compute_part, task, handover))
-                yield part
+                data, handover, seconds = yield partial(compute_part, task, handover)
+                seconds /= len(now)
                 if self.on_workers:
                     self._tick(task.lanes)
-                result, handover, seconds = part.computed
-                seconds /= len(now)
-                text = result.data.attrs.pop("chatter", None)
+                text = data.attrs.pop("chatter", None)
                 if text is not None:
-                    first = np.asarray(task.grid.numbers)[np.argmax(result.status == Status.TOO_MANY_EVENTS)]
+                    first = np.asarray(task.grid.numbers)[np.argmax(data["status"] == Status.TOO_MANY_EVENTS)]
                     reports = sorted([*reports, [SINGLE_DIRECTIONS.index(direction), int(first), text]])[:1]
-                data = in_direction(result.data, direction) if outer else result.data
-                finished = lanes(values[: len(values) - len(left)])
-                record = BlockRecord(finished, reports, jax.tree.leaves(handover))
-                self.store.write(lanes(values), here, data, record)
+                record = BlockRecord(lanes(values[:done]), reports, jax.tree.leaves(handover))
+                self.store.write(lanes(values), here, in_direction(data, direction) if outer else data, record)
             self.reports += reports
 
     def _tick(self, lanes: int) -> None:
