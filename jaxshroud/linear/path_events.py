@@ -69,7 +69,7 @@ def _events_of_lane(scene: Scene, q: Any, rate: Any, contact: ContactState, torq
         model = prepared_model(pair_at(scene, j))
         held = State(None, contact.u_s, contact.mode, contact.case)
         state = resting_state(q.ravel()[own], held, model, rate.ravel()[own])
-        return _events_at(contact, state, EndTorques(*torques), model, rounding, fastest)
+        return _events_at(contact, state, EndTorques(torques[0], torques[1]), model, rounding, fastest)
 
     places = coordinates_at(scene.layout)
     return jax.vmap(at_interface)(jnp.arange(len(places)), places, contact, torques)
