@@ -11,7 +11,7 @@ import jaxshroud
 
 ROOT = Path(jaxshroud.__file__).parent
 # A module imports from its own folder and from those before it.
-FOLDERS = ["", "cache", "scene", "model", "linear", "march", "batch", "signals", "orbits", "fitting", "io"]
+FOLDERS = ["", "cache", "scene", "model", "march", "linear", "batch", "signals", "orbits", "fitting", "io"]
 FOLDERS += ["plotting", "results", "verbs", "explorer", "cli"]
 EDGES = ("io", "plotting", "results", "explorer", "cli", "scene")
 FOR_EDGES_ONLY = {

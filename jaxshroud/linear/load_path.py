@@ -1,9 +1,9 @@
 """Where mean loads leave blades that rub, if they are applied slowly and in proportion from the unloaded position.
 
 The path is followed from event to event. Within a state of contact Newton's method finds the equilibrium under a share
-of the loads; where a guard is crossed, the share is located, the state changes as in a march, and goes on if what then
-follows from a little more load agrees with it. Lanes ask for equilibria in generators of their own, which are answered
-together.
+of the loads; where a guard of a march is crossed, the share is located, the state changes as in a march, and goes on if
+what then follows from a little more load agrees with it, see `path_events`. Lanes ask for equilibria in generators of
+their own, which are answered together.
 """
 
 from collections.abc import Generator
@@ -33,16 +33,7 @@ from jaxshroud.linear.equilibrium import (
     unbalanced,
     with_float64,
 )
-from jaxshroud.linear.path_guards import (
-    PathGuards,
-    Placed,
-    Rubbing,
-    contact_after,
-    leaving,
-    path_guards,
-    rubbing_of,
-    sliders_at,
-)
+from jaxshroud.linear.path_events import PathEvents, path_events
 from jaxshroud.model.modes import Mode
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import FloatArray
@@ -57,12 +48,21 @@ LOCATED = 4 * float(np.finfo(float).eps)  # shares of the loads that differ by l
 
 
 class Trial(NamedTuple):
-    """What a lane asks for: the equilibrium in a state of contact under a share of the loads, or just the contact."""
+    """What a lane asks for: the equilibrium in a state of contact under a share of the loads."""
 
     share: float
     contact: ContactState  # without the axis of lanes
     q: FloatArray  # (3, blades) where it is sought
-    is_held: bool = False  # at `q` itself
+
+
+class Placed(NamedTuple):
+    """One lane in equilibrium under a share of its mean loads."""
+
+    share: float
+    q: FloatArray  # (3, blades)
+    rate: FloatArray  # (3, blades) its derivative by the share
+    contact: ContactState  # without the axis of lanes, as the next
+    events: PathEvents
 
 
 Walk = Generator[Trial, Placed | None, Placed | None]  # None: there is no such equilibrium; the path cannot be followed
@@ -91,9 +91,9 @@ def _loaded_piece(scenes: Scene) -> Equilibrium:
     if scenes.parts.contact == "none":
         return equilibria_under(springs, scenes)
     unloaded = equilibria_under(springs._replace(load=0 * springs.load), friction_free(scenes))
-    rubbing = rubbing_of(scenes)
-    contact = _unloaded_state(unloaded, scenes, np.stack([own.rubs for own in rubbing]))
-    walks = [_path(_lane(contact, i), unloaded.q[i], rubbing[i]) for i in range(len(rubbing))]
+    contact = _unloaded_state(unloaded, scenes)
+    step = STEP if "theta" in scenes.parts.motion else 1.0
+    walks = [_path(_lane(contact, i), q, step) for i, q in enumerate(unloaded.q)]
     ends = _walked(walks, scenes, springs)
     followed = np.array([end is not None for end in ends])
     last = [_lane(contact, i) if end is None else end.contact for i, end in enumerate(ends)]
@@ -102,9 +102,10 @@ def _loaded_piece(scenes: Scene) -> Equilibrium:
     return equilibrium_at(springs, state, contact_at(scenes, q, state), q, followed)
 
 
-def _unloaded_state(unloaded: Equilibrium, scenes: Scene, rubs: np.ndarray) -> ContactState:
+def _unloaded_state(unloaded: Equilibrium, scenes: Scene) -> ContactState:
     """The state of contact without loads: what is pressed sticks, where there is friction."""
-    pressed = np.where(rubs, Mode.STICK, Mode.SLIP_PLUS)
+    rubs = (scenes.k * scenes.friction.k_d * scenes.friction.mu > 0) & (scenes.parts.friction != "none")
+    pressed = np.where(rubs.reshape(len(rubs), -1, 1), Mode.STICK, Mode.SLIP_PLUS)
     at, mode = unloaded.contact, unloaded.contact.mode
     mode = np.where(np.equal(mode, Mode.APART), mode, pressed).astype(np.int32)
     fixed = 0 if scenes.points else 1  # without corners all cases are alike; marches have these
@@ -135,70 +136,64 @@ def _walked(walks: list[Walk], scenes: Scene, springs: Springs) -> list[Placed |
 def _answers(trials: list[Trial], scenes: Scene, springs: Springs) -> list[Placed | None]:
     """What the trials of all lanes ask for."""
     contact = jax.tree.map(lambda *a: np.stack(a), *[trial.contact for trial in trials])
-    share, held = (np.array([trial[i] for trial in trials]) for i in (0, 3))
-    begin = np.stack([trial.q for trial in trials])
+    share = np.array([trial.share for trial in trials])
     loaded = springs._replace(load=share[:, None] * springs.load)
-    q, at = position_in(scenes, loaded, contact, begin)
-    if held.any():
-        q = np.where(held[:, None, None], begin, q)
-        at = contact_at(scenes, q, contact)
+    q, at = position_in(scenes, loaded, contact, np.stack([trial.q for trial in trials]))
     rate = displacements_under(np.where(springs.moves, springs.load, 0.0), springs, contact, at)
     passed = passed_on(springs, contact, unbalanced(loaded, at, q))
-    at = jax.tree.map(with_float64, at._replace(end_torques=at.end_torques + passed[..., None]))
-    lost = np.isnan([q, rate]).any(axis=(0, 2, 3))
-    placed = [Placed(float(share[i]), q[i], rate[i], trial.contact, _lane(at, i)) for i, trial in enumerate(trials)]
-    return [None if gone else one for one, gone in zip(placed, np.atleast_1d(lost), strict=True)]
+    events = path_events(scenes, q, rate, contact, at.end_torques + passed[..., None])
+    events = jax.tree.map(with_float64, events)
+    lost = np.atleast_1d(np.isnan([q, rate]).any(axis=(0, 2, 3)))
+    placed = [Placed(trial.share, q[i], rate[i], trial.contact, _lane(events, i)) for i, trial in enumerate(trials)]
+    return [None if gone else one for one, gone in zip(placed, lost, strict=True)]
 
 
-def _path(contact: ContactState, q: FloatArray, rubbing: Rubbing) -> Walk:
-    """The path of one lane from the unloaded position."""
+def _path(contact: ContactState, q: FloatArray, step: float) -> Walk:
+    """The path of one lane from the unloaded position, in steps of the loads that are no longer than one."""
     now = None if np.isnan(q).any() else (yield Trial(0.0, contact, q))
     for _ in range(MOST_EVENTS):
-        now = yield from _agreed(now, rubbing)
+        now = yield from _agreed(now)
         if now is None or now.share == 1:
-            return now and now._replace(contact=now.contact._replace(u_s=sliders_at(now, rubbing)))
-        now = yield from _to_next_event(now, rubbing)
+            return now and now._replace(contact=now.contact._replace(u_s=now.events.u_s))
+        now = yield from _to_next_event(now, step)
     return None
 
 
-def _agreed(now: Placed | None, rubbing: Rubbing) -> Walk:
+def _agreed(now: Placed | None) -> Walk:
     """The lane under the same loads in a state of contact that lasts under a little more of them."""
     for change in range(MOST_CHANGES):
-        if now is None:
-            return None
-        points, cases = leaving(now, rubbing)
-        if not points.any() and not cases.any():
+        if now is None or not now.events.leaves.any():
             return now
+        happens = now.events.leaves
         if change >= CHANGES_AT_ONCE:  # which go round in circles: some of them, drawn alike in every run
-            draw = np.random.default_rng(change)
-            points, cases = (a & (draw.random(a.shape) < 0.5) for a in (points, cases))
-        now = yield from _crossed(now, points, cases, rubbing)
+            happens = happens & (np.random.default_rng(change).random(happens.shape) < 0.5)
+        now = yield from _changed(now, happens)
     return None
 
 
-def _crossed(now: Placed, points: np.ndarray, cases: np.ndarray, rubbing: Rubbing) -> Walk:
-    """The lane under the same loads once guards are crossed; where cases change, stuck points keep their stretch."""
-    after = contact_after(now, points, cases, rubbing)
-    if np.any(after.case != now.contact.case):
-        there = yield Trial(now.share, after, now.q, is_held=True)
-        if there is None:
-            return None
-        moved = there.at.u - now.at.u
-        after = after._replace(u_s=after.u_s + moved)
-    return (yield Trial(now.share, after, now.q))
+def _changed(now: Placed, happens: np.ndarray) -> Walk:
+    """The lane under the same loads after the event of each interface that takes precedence of those that happen."""
+    kind = np.argmax(happens, axis=1)
+    fires = happens.any(axis=1)
+
+    def changed(after: np.ndarray, own: np.ndarray) -> np.ndarray:
+        chosen = after[np.arange(len(kind)), kind]
+        return np.where(fires.reshape(-1, *(1,) * (own.ndim - 1)), chosen, own)
+
+    return (yield Trial(now.share, jax.tree.map(changed, now.events.after, now.contact), now.q))
 
 
-def _to_next_event(now: Placed, rubbing: Rubbing) -> Walk:
+def _to_next_event(now: Placed, most: float) -> Walk:
     """The lane in the state after the next event, or under all of its loads if there is none."""
-    step = most = STEP if rubbing.turns else 1.0
+    step = most
     while now.share < 1:
         there = yield from _further(now, min(now.share + step, 1.0))
         if there is None:
             step /= 2
             if step < SHORTEST_STEP:
                 return None
-        elif any(a.any() for a in path_guards(there, rubbing).crossed):
-            return (yield from _located(now, there, rubbing))
+        elif there.events.crossed.any():
+            return (yield from _located(now, there))
         else:
             now = there
             step = min(2 * step, most)
@@ -211,35 +206,31 @@ def _further(now: Placed, share: float) -> Walk:
     there = yield Trial(share, now.contact, now.q + ahead)
     if there is None:
         return None
-    strayed = np.abs(there.q - now.q - ahead).max() > STRAYED * np.abs(ahead).max() + ROUNDED * there.size
+    strayed = np.abs(there.q - now.q - ahead).max() > STRAYED * np.abs(ahead).max() + ROUNDED * np.abs(there.q).max()
     return None if strayed else there
 
 
-def _located(low: Placed, high: Placed, rubbing: Rubbing) -> Walk:
+def _located(low: Placed, high: Placed) -> Walk:
     """The lane after the first event between two shares of the loads, at the higher one of which guards are crossed."""
     for trial in range(MOST_TRIALS):
-        before, after = path_guards(low, rubbing), path_guards(high, rubbing)
         if high.share - low.share <= LOCATED:
             break
-        share = (low.share + high.share) / 2 if trial % 3 == 2 else _estimate(low.share, high.share, before, after)
-        there = yield from _further(low, share)
+        there = yield from _further(low, (low.share + high.share) / 2 if trial % 3 == 2 else _estimate(low, high))
         if there is None:
             return None
-        now = path_guards(there, rubbing)
-        if any(a.any() for a in now.crossed):
+        if there.events.crossed.any():
             high = there
             continue
-        fires = [a & b for a, b in zip(now.reached, after.crossed, strict=True)]
-        if any(a.any() for a in fires):
-            return (yield from _crossed(there, fires[0], fires[1], rubbing))
+        fires = there.events.reached & high.events.crossed
+        if fires.any():
+            return (yield from _changed(there, fires))
         low = there
-    return (yield from _crossed(high, *path_guards(high, rubbing).crossed, rubbing))
+    return (yield from _changed(high, high.events.crossed))
 
 
-def _estimate(low: float, high: float, before: PathGuards, after: PathGuards) -> float:
+def _estimate(low: Placed, high: Placed) -> float:
     """The share at which the first guard is crossed, linearly between two; their middle where that says nothing."""
-    begin, end = (np.concatenate([one.of_points.ravel(), one.of_cases]) for one in (before, after))
-    crossed = np.concatenate([a.ravel() for a in after.crossed])
-    first = float(np.min(-begin[crossed] / (end - begin)[crossed]))
-    share = low + first * (high - low)
-    return share if low < share < high else (low + high) / 2
+    crossed = high.events.crossed
+    begin, end = (one.events.value[crossed] for one in (low, high))
+    share = low.share + float(np.min(-begin / (end - begin))) * (high.share - low.share)
+    return share if low.share < share < high.share else (low.share + high.share) / 2

@@ -14,15 +14,14 @@ An engine order e meets a natural frequency where omega = e Omega, so that Omega
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
 
 from jaxshroud.activity import counted
-from jaxshroud.model.geometry import Corners, contact_kinematics, corners, face_kinematics, pose
+from jaxshroud.model.geometry import corners
 from jaxshroud.model.linear_system import (
     LinearSystem,
+    contact_gradients,
     coordinates_that_move,
     directions,
     free_system,
@@ -79,25 +78,6 @@ class NaturalModes(NamedTuple):
     omega: FloatArray  # (n,) natural circular frequency [rad/s]
     zeta: FloatArray  # (n,) damping ratio, to first order in the damping
     shape: FloatArray  # (n, 3 N) normalised by the masses
-
-
-def contact_gradients(
-    case: int | Int[Array, ""], block: Corners, like: Array
-) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """dv/dq and du/dq of the corner pair of `case`, q = (x_1, x_2, y_1, y_2, theta_1, theta_2) = 0, (6,).
-
-    Where faces have several points they are those of each of them, (points, 6).
-    """
-
-    def v_and_u(q):
-        place = pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5]))
-        if block.points:
-            points = face_kinematics(place, block).points
-            return jnp.stack([at.v for at in points]), jnp.stack([at.u for at in points])
-        at = contact_kinematics(place, jnp.asarray(case), block, frozenset())
-        return at.v, at.u
-
-    return jax.jacfwd(v_and_u)(jnp.zeros_like(like))
 
 
 def linear_contact(scene: Scene) -> LinearContact:

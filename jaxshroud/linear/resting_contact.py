@@ -85,7 +85,7 @@ def _contact_between(q: Any, state: State, model: Model) -> RestingContact:
         state = State(state.motion, _loads(q, at_zero, model)[1].u, state.mode, state.case)
     load, of_points = _loads(q, state, model)
     load_q, of_points_q = jax.jacfwd(_loads)(q, state, model)
-    now = _resting_state(q, state, model)
+    now = resting_state(q, state, model)
     place = pose(now.motion.x, now.motion.y, now.motion.theta)
     at = contact_kinematics(place, now.case, model.block, model.reading)
     natural = natural_case(place, model.block)
@@ -125,7 +125,7 @@ class _OfPoints(NamedTuple):
 
 def _loads(q: Any, state: State, model: Model) -> tuple[Any, _OfPoints]:
     """The force on each coordinate, and what there is at each point."""
-    now = _resting_state(q, state, model)
+    now = resting_state(q, state, model)
     place = pose(now.motion.x, now.motion.y, now.motion.theta)
     at = contact_kinematics(place, now.case, model.block, model.reading)
     forces, load = loaded_contact(at, now.motion, now, now.case, model)
@@ -142,7 +142,7 @@ def _loads(q: Any, state: State, model: Model) -> tuple[Any, _OfPoints]:
 
 def _open_corners(q: Any, state: State, model: Model) -> Any:
     """The penetration of the upper and the lower corners where the faces are apart, or of each point."""
-    z = _resting_state(q, state, model).motion
+    z = resting_state(q, state, model).motion
     place = pose(z.x, z.y, z.theta)
     if model.law.has_points:
         at = contact_kinematics(place, state.case, model.block, model.reading)
@@ -155,9 +155,8 @@ def _open_corners(q: Any, state: State, model: Model) -> Any:
     return jnp.stack([corners_v(case) for case in CASES_OF_CORNERS])
 
 
-def _resting_state(q: Any, state: State, model: Model) -> State:
-    """The state at rest with these displacements (6,), as compiled loops carry it."""
-    still = (jnp.zeros((), q.dtype),) * 2
-    motion = Motion((q[0], q[1]), (q[2], q[3]), (q[4], q[5]), still, still, still)
+def resting_state(q: Any, state: State, model: Model, rate: Any = None) -> State:
+    """The state with these displacements (6,) as compiled loops carry it: at rest, or with a `rate` of them."""
+    motion = Motion._make(zip(*[iter([*q, *(jnp.zeros_like(q) if rate is None else rate)])] * 2, strict=True))
     sliders, modes = (state.u_s, state.mode) if model.law.has_points else (state.u_s[0], state.mode[0])
     return State(motion, model.law.carried_slider(sliders, modes), model.law.carried_mode(modes), state.case)

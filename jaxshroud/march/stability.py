@@ -14,7 +14,6 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxshroud.cache.programs import kept
-from jaxshroud.linear.natural_modes import contact_gradients
 from jaxshroud.march.method import StepCount
 from jaxshroud.march.tableau import MIN_STEPS, RK4, Tableau, TaylorOptions
 from jaxshroud.model.arithmetic import Scalar, filled
@@ -22,7 +21,13 @@ from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.coupling import couplings_of_pairs
 from jaxshroud.model.geometry import corners
 from jaxshroud.model.linear import free_reach, steady_amplitudes
-from jaxshroud.model.linear_system import coordinates_that_move, free_system, over_coordinates, shroud_map
+from jaxshroud.model.linear_system import (
+    contact_gradients,
+    coordinates_that_move,
+    free_system,
+    over_coordinates,
+    shroud_map,
+)
 from jaxshroud.model.prepared import prepared_law
 from jaxshroud.model.row import pair_at
 from jaxshroud.scene.checks import MAX_AUTO_STEPS, InputError, StepTooLongError, count_argument

@@ -7,13 +7,15 @@ them beside their contact. A lumped blade is its shroud; one by modes is seen by
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Complex
+from jaxtyping import Array, Complex, Float, Int
 
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.coupling import SUFFIXES
+from jaxshroud.model.geometry import Corners, contact_kinematics, face_kinematics, pose
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.drive import AnyLoad, ComplexLoad
 from jaxshroud.scene.layout import COORDINATES, Layout
@@ -178,6 +180,25 @@ def over_blades(by: Array, layout: Layout) -> Array:
     interface, point = np.ogrid[: by.shape[0], : by.shape[1]]
     at = interface[..., None], point[..., None], coordinates_at(layout)[:, None]
     return jnp.zeros((*by.shape[:2], 3 * layout.blades), by.dtype).at[at].set(by)
+
+
+def contact_gradients(
+    case: int | Int[Array, ""], block: Corners, like: Array
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """dv/dq and du/dq of the corner pair of `case`, q = (x_1, x_2, y_1, y_2, theta_1, theta_2) = 0, (6,).
+
+    Where faces have several points they are those of each of them, (points, 6).
+    """
+
+    def v_and_u(q):
+        place = pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5]))
+        if block.points:
+            points = face_kinematics(place, block).points
+            return jnp.stack([at.v for at in points]), jnp.stack([at.u for at in points])
+        at = contact_kinematics(place, jnp.asarray(case), block, frozenset())
+        return at.v, at.u
+
+    return jax.jacfwd(v_and_u)(jnp.zeros_like(like))
 
 
 def moving_coordinates(scene: Scene) -> np.ndarray:

@@ -11,11 +11,11 @@ from side_by_side import EXACT, STEPS, counts, ends, energy_residual, relative_e
 
 from jaxshroud import Motion, Status, load, power, simulate, sweep, vary
 from jaxshroud.io.lane_status import LaneWarning
-from jaxshroud.linear.natural_modes import contact_gradients
 from jaxshroud.march.method import FAST, FAST_WITH_LEDGER, REFERENCE, Choices, RungeKutta
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.geometry import contact_kinematics, corners, natural_case, pose
 from jaxshroud.model.linear import steady_amplitudes
+from jaxshroud.model.linear_system import contact_gradients
 from jaxshroud.model.prepared import as_pairs
 
 GAMMAS = (0.3, 2.5, 4.2, 7.5)
