@@ -157,6 +157,7 @@ def _open_corners(q: Any, state: State, model: Model) -> Any:
 
 def resting_state(q: Any, state: State, model: Model, rate: Any = None) -> State:
     """The state with these displacements (6,) as compiled loops carry it: at rest, or with a `rate` of them."""
-    motion = Motion._make(zip(*[iter([*q, *(jnp.zeros_like(q) if rate is None else rate)])] * 2, strict=True))
+    v = jnp.zeros_like(q) if rate is None else rate
+    motion = Motion((q[0], q[1]), (q[2], q[3]), (q[4], q[5]), (v[0], v[1]), (v[2], v[3]), (v[4], v[5]))
     sliders, modes = (state.u_s, state.mode) if model.law.has_points else (state.u_s[0], state.mode[0])
     return State(motion, model.law.carried_slider(sliders, modes), model.law.carried_mode(modes), state.case)

@@ -11,4 +11,4 @@ RESPONSES = tuple(f"{q}_{kind}" for q in ("x", "y", "theta") for kind in ("peak"
 LINEAR_STATES = ("apart", "sliding", "stuck", "corner")  # of contact, in which a row is linear
 LOADS = ("v_max", "N_max", "F_max", "friction_work", "slip", "archard", "impacts", "approach_max", "impulse_max")
 LARGEST_FIRST = ("P_d", "P_d_vibration", "P_d_worst")  # reductions; of other numbers the smallest is first
-RANKED_BY = (*LARGEST_FIRST, *RESPONSES, *LOADS)
+RANKED_BY = (*LARGEST_FIRST, *RESPONSES, "sigma_a", *LOADS)

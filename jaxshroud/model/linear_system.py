@@ -245,7 +245,18 @@ def coupled_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Complex[Arr
     """
     load = loads_on_coordinates(scene, drive)
     modes = scene.mode_numbers
-    return _of_lumped_blades(scene, omega, load) if modes is None else _of_modes(modes, scene, omega, load)
+    if modes is None:
+        return _of_lumped_blades(scene, omega, load)
+    q = _of_modes(modes, scene, omega, load)
+    return jnp.einsum("amn,mn->an", moving_shapes(scene).astype(q.dtype), q)
+
+
+def stress_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Complex[Array, " blades"]:
+    """The complex amplitude of the stress of blades by modes under one harmonic, as `coupled_response` [Pa]."""
+    modes = scene.mode_numbers
+    assert modes is not None
+    q = _of_modes(modes, scene, omega, loads_on_coordinates(scene, drive))
+    return jnp.sum(jnp.stack(modes.sigma).astype(q.dtype) * q, axis=0)
 
 
 def _of_lumped_blades(scene: Scene, omega: Scalar, load: Any) -> Any:
@@ -260,19 +271,17 @@ def _of_lumped_blades(scene: Scene, omega: Scalar, load: Any) -> Any:
 
 
 def _of_modes(modes: ModeNumbers, scene: Scene, omega: Scalar, load: Any) -> Any:
-    """By the receptances of the modes, or of coupled blades by all their coordinates."""
+    """The coordinates (n, blades) by the receptances of the modes, or of coupled blades by all of them."""
     count = scene.layout.blades
     if scene.is_coupled or modes.kappa:
         mass, damping, stiffness = free_system(scene)
-        shroud: Any = shroud_map(scene).astype(load.dtype)
         dynamic = lax.complex(stiffness - jnp.diag(mass * omega**2), damping * omega)
-        return (shroud @ solved(dynamic, load)).reshape(3, count)
+        return solved(dynamic, load).reshape(-1, count)
     k, c = (jnp.stack(a) for a in (modes.stiffness, modes.damping))
     of_modes = lax.complex(k - omega**2, c * omega)
-    shapes = moving_shapes(scene).astype(of_modes.dtype)
     unbounded = jnp.where(omega == 0, 0.0, jnp.inf).astype(of_modes.dtype)  # a rigid motion has no static place
     receptance = jnp.where(of_modes == 0, unbounded, 1 / jnp.where(of_modes == 0, 1.0, of_modes))
-    return jnp.einsum("amn,mn->an", shapes, receptance * load.reshape(-1, count))
+    return receptance * load.reshape(-1, count)
 
 
 def solved(matrix: Complex[Array, "n n"], right: Complex[Array, " n"]) -> Complex[Array, " n"]:

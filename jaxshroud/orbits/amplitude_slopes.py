@@ -5,6 +5,8 @@ the displacement does at that drive phase. Where two extremes are equally far fr
 one on either side, and its derivative is one-sided: that of the side which raises the amplitude.
 """
 
+from collections.abc import Callable
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -16,8 +18,8 @@ from jaxshroud.batch.tangents import TangentProblem, Tangents
 from jaxshroud.orbits.batched_algorithms import Algorithm, Derivatives, stacked
 from jaxshroud.orbits.orbit import PeriodicOrbit
 from jaxshroud.orbits.shooting import moved_start
-from jaxshroud.scene.quantities import DISPLACEMENTS, Amplitude
-from jaxshroud.scene.scene import without_given
+from jaxshroud.scene.quantities import Amplitude
+from jaxshroud.scene.scene import Scene, without_given
 
 LEAST_SAMPLES = 256  # of a drive period, between which an extreme is looked for
 CLOSE = 1e-4  # relative distance within which an extreme may be the largest: above the error of the samples' cubics
@@ -51,6 +53,8 @@ def amplitude_slope(orbit: PeriodicOrbit, amplitude: Amplitude, problem: Tangent
     whole = yield Derivatives(problem, orbit.q, orbit.steps_per_period, method)
     shift = moved_start(orbit.jacobian.by_state, whole.by_parameter, orbit.free_sliders)
     by = whole.moments_by_parameter + whole.moments_by_state @ shift
+    if amplitude.displacement == "sigma":
+        return (yield from _stress_slope(orbit, problem, shift))
     counts = orbit.scene.layout.counting
     (mean, square), (mean_by, square_by) = whole.moments[:, amplitude.row, counts], by[:, amplitude.row, counts]
     if amplitude.measure == "mean":
@@ -63,15 +67,53 @@ def amplitude_slope(orbit: PeriodicOrbit, amplitude: Amplitude, problem: Tangent
     found = []
     blades = len(orbit.P)
     extremes = farthest_extremes(orbit, amplitude, mean)
+    row = blades * amplitude.row
     for extreme in extremes:
-        at = yield from _tangents_at(extreme, orbit, amplitude, problem)
+        at = yield from _tangents_at(extreme, orbit, problem, lambda at: at.shroud[row + 3 * blades :])
         assert at.shroud is not None  # as of all flows
-        place = blades * amplitude.row + extreme.blade
+        place = row + extreme.blade
         side = 1.0 if extreme.value > mean[extreme.blade] else -1.0
         moved = (at.shroud_by_parameter + at.shroud_by_state @ shift)[place]
         found.append((side * (at.shroud[place] - mean[extreme.blade]), side * (moved - mean_by[extreme.blade])))
     several = len({extreme.blade for extreme in extremes}) > 1
     return largest_level(found, "blades tie" if several else "two peaks")
+
+
+def _stress_slope(orbit: PeriodicOrbit, problem: TangentProblem, shift: np.ndarray) -> Algorithm[AmplitudeSlope]:
+    """The derivatives of half the range of the stress; `shift` is that of the start, (numbers, keys)."""
+
+    def of_modes(scene: Scene) -> np.ndarray:
+        return np.stack([0 * mode.f if mode.sigma is None else mode.sigma for mode in scene.blades.modes])
+
+    def stress(at: Tangents) -> np.ndarray:
+        """The stress and its rate, (2, blades)."""
+        return np.sum(sigma * at.vector[: 2 * sigma.size].reshape(2, *sigma.shape), axis=1)
+
+    sigma = of_modes(problem.scene)  # (modes, blades)
+    sigma_by = np.stack([of_modes(along) for along in problem.directions], axis=-1)
+    places = np.arange(1, LEAST_SAMPLES * orbit.q + 1) / LEAST_SAMPLES
+    alone = problem._replace(directions=(), by_state=False)
+    requests = [_flow_to(place, orbit, alone) for place in places]
+    course = np.stack([stress(at) for at in Derivatives.answers(requests)])
+    value, rate = np.moveaxis(np.concatenate([course[-1:], course]), 1, 0)
+    period = float(orbit.scene.drive.period)
+    found = []
+    for blade in range(sigma.shape[1])[orbit.scene.layout.counting]:
+        turns = turning_points(value[:, blade], rate[:, blade], period, LEAST_SAMPLES, blade)
+        heights = np.array([one.value for one in turns])
+        near = CLOSE * np.ptp(heights)
+        ends = []
+        for is_end in (heights >= heights.max() - near, heights <= heights.min() + near):
+            levels = []
+            for i in np.flatnonzero(is_end):
+                at = yield from _tangents_at(turns[i], orbit, problem, lambda at: stress(at)[1])
+                q = at.vector[: sigma.size].reshape(sigma.shape)[:, blade, None]
+                moved = (at.by_parameter + at.by_state @ shift)[: sigma.size].reshape(*sigma.shape, -1)[:, blade]
+                by = np.sum(sigma[:, blade, None] * moved + sigma_by[:, blade] * q, axis=0)
+                levels.append((stress(at)[0, blade], by))
+            ends.append(levels)
+        found += [((high - low) / 2, (up - down) / 2) for (high, up), (low, down) in product(*ends)]
+    return largest_level(found, "blades tie" if sigma.shape[1] > 2 else "two peaks")
 
 
 def largest_level(found: list[tuple[float, np.ndarray]], flag: str) -> AmplitudeSlope:
@@ -118,14 +160,13 @@ def turning_points(q: np.ndarray, rate: np.ndarray, period: float, steps: int, b
 
 
 def _tangents_at(
-    extreme: Extreme, orbit: PeriodicOrbit, amplitude: Amplitude, problem: TangentProblem
+    extreme: Extreme, orbit: PeriodicOrbit, problem: TangentProblem, rates: Callable[[Tangents], np.ndarray]
 ) -> Algorithm[Tangents]:
-    """The flow to an extreme with its tangents; the place is found by the secants of the rate."""
+    """The flow to an extreme with its tangents; the place is found by the secants of its blade's rate."""
     turns, _, last, last_rate, blade = extreme
-    rate_index = len(orbit.P) * (len(DISPLACEMENTS) + amplitude.row) + blade
     at = yield _flow_to(turns, orbit, problem)
     for _ in range(MAX_SECANTS):
-        rate = float(at.shroud[rate_index])
+        rate = float(rates(at)[blade])
         step = -rate * (turns - last) / (rate - last_rate) if rate != last_rate else 0.0
         if abs(step) <= PHASE_TOLERANCE:
             break

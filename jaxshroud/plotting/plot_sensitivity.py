@@ -29,8 +29,15 @@ from jaxshroud.signals.effects import Effect, effects
 
 MOST_BARS = 24
 LONG_LABEL = 40  # letters of a label of numbers, symbols as formulas: beside it the axis below has less room
-EFFECT_UNITS = {"%": ("percentage points", 1.0), "m^4": ("m$^4$", 1.0), "m": ("µm", 1e6), "rad": ("mrad", 1e3)}
-DRAW_UNITS = {"m^4": ("m$^4$", 1.0), "m": ("mm", 1e3)}  # unit -> as pictures show it, and how many of these it is
+# unit -> as pictures show it, and how many of these it is
+STRESS_UNITS = {"Pa": ("MPa", 1e-6)}
+EFFECT_UNITS = {
+    "%": ("percentage points", 1.0),
+    "m^4": ("m$^4$", 1.0),
+    "m": ("µm", 1e6),
+    "rad": ("mrad", 1e3),
+} | STRESS_UNITS
+DRAW_UNITS = {"m^4": ("m$^4$", 1.0), "m": ("mm", 1e3)} | STRESS_UNITS
 
 
 class Bars(NamedTuple):

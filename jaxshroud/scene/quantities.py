@@ -8,12 +8,14 @@ static deflection contributes.
 from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 
 from jaxshroud.scene.checks import InputError, word_argument
-from jaxshroud.scene.layout import PAIR, Layout, Parts, require_capability
+from jaxshroud.scene.layout import Layout, require_capability
 
 if TYPE_CHECKING:
     import numpy as np
 
-Measure = Literal["mean", "rms", "peak"]
+    from jaxshroud.scene.scene import Scene
+
+Measure = Literal["mean", "rms", "peak", "a"]
 Power = Literal["P_d", "P", "P_d_worst", "P_d_vibration"]
 Quantity = Literal[
     "P_d",
@@ -29,9 +31,11 @@ Quantity = Literal[
     "theta_mean",
     "theta_rms",
     "theta_peak",
+    "sigma_a",
 ]
 QUANTITY_WORDS = get_args(Quantity)
 DISPLACEMENTS = ("x", "y", "theta")
+WATCHED_UNITS = {"x": "m", "y": "m", "theta": "rad", "sigma": "Pa"}  # of displacements and of the stress
 RequiredReduction = Literal["P_d", "P_d_worst", "P_d_vibration"]  # that a design is to reach
 REQUIRED_REDUCTIONS = get_args(RequiredReduction)
 POWER_UNITS = {"P_d": "%", "P": "m^4", "P_d_worst": "%", "P_d_vibration": "%"}
@@ -40,13 +44,13 @@ POWER_UNITS = {"P_d": "%", "P": "m^4", "P_d_worst": "%", "P_d_vibration": "%"}
 class Amplitude(NamedTuple):
     """An amplitude, see `WithAmplitudes`."""
 
-    displacement: str  # one of `DISPLACEMENTS`
+    displacement: str  # one of `DISPLACEMENTS`, or "sigma": the stress, whose measure is half its range, "a"
     measure: Measure
 
     @property
     def row(self) -> int:
-        """The place of the displacement in `DISPLACEMENTS`."""
-        return DISPLACEMENTS.index(self.displacement)
+        """The place of the displacement in `DISPLACEMENTS`, after which comes the stress."""
+        return [*WATCHED_UNITS].index(self.displacement)
 
 
 def amplitude_of(of: str) -> Amplitude | None:
@@ -71,7 +75,7 @@ def counted_amplitude(amplitudes: "np.ndarray", layout: Layout) -> "np.ndarray":
 def unit_of(of: str) -> str:
     """The unit of a quantity."""
     amplitude = amplitude_of(of)
-    return POWER_UNITS[of] if amplitude is None else "rad" if amplitude.displacement == "theta" else "m"
+    return POWER_UNITS[of] if amplitude is None else WATCHED_UNITS[amplitude.displacement]
 
 
 def is_reduction(of: str) -> bool:
@@ -86,15 +90,20 @@ def quantity_symbol(of: str) -> str:
         return rf"$P_{{d,\mathrm{{{of.removeprefix('P_d_')}}}}}$"
     if amplitude is None:
         return f"${of}$"
-    letter = r"\theta" if amplitude.displacement == "theta" else amplitude.displacement
-    return rf"${letter}_\mathrm{{{amplitude.measure}}}$"
+    letter = amplitude.displacement
+    return rf"${letter if len(letter) == 1 else chr(92) + letter}_\mathrm{{{amplitude.measure}}}$"
 
 
-def check_quantity(of: str, parts: Parts, layout: Layout = PAIR) -> None:
-    """Raise an InputError unless `of` is a quantity of scenes with these parts and this layout."""
+def check_quantity(of: str, scene: "Scene") -> None:
+    """Raise an InputError unless `of` is a quantity of a scene."""
     word_argument("of", of, QUANTITY_WORDS)
     amplitude = amplitude_of(of)
-    require_capability(of, layout, asked=f"Argument `of` = {of!r}")
+    require_capability(of, scene.layout, asked=f"Argument `of` = {of!r}")
+    if of == "sigma_a":
+        if all(mode.sigma is None for mode in getattr(scene.blades, "modes", ())):
+            raise InputError("`sigma_a` is of blades by modes that have a stress; give modes their `sigma`.")
+        return
+    parts = scene.parts
     if amplitude is not None and not parts.has(amplitude.displacement, 0):
         raise InputError(
             f"`of` is {of}, but the blades of this scene do not move in {amplitude.displacement}; "

@@ -17,7 +17,8 @@ from jaxshroud.batch.threads import in_chunks
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.cache.programs import kept
 from jaxshroud.model.linear import area, free_power, power_reduction, steady_amplitudes, waves_of
-from jaxshroud.model.steady_numbers import steady_peak, steady_rms
+from jaxshroud.model.linear_system import stress_response
+from jaxshroud.model.steady_numbers import SteadyNumbers, steady_extremes, steady_peak, steady_rms
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.optional import MEAN_LOADS
 from jaxshroud.scene.quantities import (
@@ -159,6 +160,19 @@ def _free_means(scenes: Scene, name: str) -> Any:
     return jax.vmap(one)(scenes)
 
 
+@kept()
+def _free_stress(scenes: Scene) -> Any:
+    """Half the range of the stress of scenes (leading axis) without contact, (lanes, blades)."""
+
+    def one(scene: Scene):
+        loads = {n: load for n, load in scene.drive.harmonics().items() if n > 0}
+        waves = {n: stress_response(scene, scene.drive.frequency(n), load) for n, load in loads.items()}
+        high, low = steady_extremes(SteadyNumbers(0.0, waves))
+        return (high - low) / 2
+
+    return jax.vmap(one)(scenes)
+
+
 def counted_mean(values: np.ndarray, counted: np.ndarray) -> np.ndarray:
     """The mean of values (lanes, periods, ...) over the periods that count, (lanes, ...)."""
     number = counted.sum(axis=-1).reshape(-1, *[1] * (values.ndim - 2))
@@ -245,19 +259,18 @@ def levels_of(of: Quantity, scenes: Scene, samples: Sample) -> Levels:
     ci = np.full_like(of_blades, np.nan)
     if amplitude.measure == "rms":
         ci = amplitude_intervals(scenes, samples, motion.number)[f"{of}_ci"][:, counts]
-    elif amplitude.measure == "peak":
-        ci = _peak_half_width(amplitude.displacement, samples, motion.number)[:, counts]
+    elif amplitude.measure != "mean":
+        ci = _peak_half_width(amplitude.row, samples, motion.number)[:, counts]
     return Levels(value, np.take_along_axis(ci, blade, axis=1)[:, 0], motion.number)
 
 
-def _peak_half_width(name: str, samples: Sample, number: np.ndarray) -> np.ndarray:
+def _peak_half_width(row: int, samples: Sample, number: np.ndarray) -> np.ndarray:
     """The half width within which the largest distance over as many other periods would be found, (lanes, blades).
 
     The largest of many values scatters as much as the largest of few of them: those of a few stretches of the kept
     periods say by how much. NaN below two orbits.
     """
-    i = DISPLACEMENTS.index(name)
-    high, low = (np.moveaxis(np.asarray(part[i], float), 1, -1) for part in samples.extent)
+    high, low = (np.moveaxis(np.asarray(part[row], float), 1, -1) for part in samples.extent)
     swing = (high - low) / 2
     n = swing.shape[-1]
     half = np.full(swing.shape[:-1], np.nan)
@@ -287,6 +300,8 @@ def free_level(of: Quantity, scene: Scene) -> float:
         return float(np.asarray(free_power(scene))[scene.layout.counting].sum())
     name = amplitude.displacement
     lane = one_lane(without_given(scene))
+    if of == "sigma_a":
+        return float(counted_amplitude(np.asarray(_free_stress(lane)), scene.layout)[0])
     of_blades = (
         _free_means(lane, name) if amplitude.measure == "mean" else free_amplitudes(lane, (name,))[free_name(of)]
     )

@@ -166,7 +166,7 @@ def check_comparable(problem: Problem) -> None:
 
 def check_objective(of: Quantity, scene: Scene) -> None:
     """Raise an InputError unless `of` is a quantity of the scene by which motions can be found to be better."""
-    check_quantity(of, scene.parts, scene.layout)
+    check_quantity(of, scene)
     amplitude = amplitude_of(of)
     if amplitude is not None and amplitude.measure == "mean":
         require_capability("a mean displacement as an aim", scene.layout, asked=f"Argument `of` = {of!r}")

@@ -73,8 +73,9 @@ def gradient(
             motion may depend; see `Gradient.effects`.
         of: The quantity to differentiate, by default P_d, and of a scene with a mean load or interference
             P_d_vibration: "P_d", "P", or an amplitude as `sweep` keeps them: "x_mean", "x_rms", "x_peak", and those of
-            y and theta. They are those of the left blade; of a row P_d and P are those of all blades together,
-            "P_d_worst" is that of the blade that gains the least, and amplitudes are the largest.
+            y and theta, or "sigma_a", half the range of the stress of blades by modes. They are those of the left
+            blade; of a row P_d and P are those of all blades together, "P_d_worst" is that
+            of the blade that gains the least, and amplitudes are the largest.
         orbit: The orbit or orbits, if they are known already; their method is then the default.
         linear: "apart" or "stuck": in closed form, of contact that stays in this state; by default where it does,
             see `power`.
@@ -136,7 +137,7 @@ def gradient(
     of = of or counted_reduction(resolved.scene)
     if isinstance(wrt, str):
         wrt = numbers_that_count(resolved.scene) if wrt == "all" else (wrt,)
-    check_quantity(of, resolved.scene.parts, resolved.scene.layout)
+    check_quantity(of, resolved.scene)
     _check_names(wrt, resolved.scene)
     require_state(resolved.lanes)
     if is_reduction(of):
@@ -205,7 +206,7 @@ def on_orbit(found: Orbit, wrt: Sequence[str], of: Quantity = "P_d") -> Gradient
         ValueError: There is no such `of`.
     """
     cycle = found.cycle()
-    check_quantity(of, cycle.scene.parts, cycle.scene.layout)
+    check_quantity(of, cycle.scene)
     numbers = [[level_of(cycle.scene, key) for key in wrt]]
     return Gradient.of_slopes([run_alone(orbit_gradient(cycle, wrt, of))], wrt, of, found, numbers)
 
@@ -246,5 +247,5 @@ def differences(found: Orbit, wrt: Sequence[str], step: float, of: Quantity = "P
     positive_argument("step", step)
     cycle = found.cycle()
     _check_names(wrt, cycle.scene)
-    check_quantity(of, cycle.scene.parts, cycle.scene.layout)
+    check_quantity(of, cycle.scene)
     return differences_on(cycle, wrt, step, of, linear_levels if is_linear(cycle.scene) else marched_levels)

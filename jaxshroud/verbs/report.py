@@ -118,7 +118,7 @@ def check_report(
         counts: Draws of the scatter, random starts, and the seed of both.
         of: The reduction that is judged.
     """
-    check_quantity(of, scene.parts, scene.layout)
+    check_quantity(of, scene)
     draws, starts, seed = counts
     for name in ("most_force", "most_penetration"):
         if not (value := getattr(limits, name)) > 0:

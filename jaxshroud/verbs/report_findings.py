@@ -24,7 +24,8 @@ from jaxshroud.verbs.sheet_tables import mode_rows
 class DesignFindings:
     """The findings on a pair. A table has no columns and a paragraph no words beside those of all designs."""
 
-    run_for: ClassVar[dict[str, Any]] = {"forces": True}  # arguments of `sweep` for the runs of all conditions
+    # Arguments of `sweep` for the runs of all conditions.
+    run_for: ClassVar[dict[str, Any]] = {"forces": True, "amplitudes": True}
     amplitudes_of: ClassVar[tuple[str, ...]] = ()  # sentences that say whose numbers are given
     motions_by: ClassVar[tuple[str, ...]] = ()  # sentences on how coexisting motions are found
     motion_heads: ClassVar[tuple[str, ...]] = ()  # heads of `motion_cells`
@@ -50,11 +51,12 @@ class DesignFindings:
 
     def heads(self, of: RequiredReduction) -> list[str]:
         """The heads of `cells`."""
-        return []
+        return [] if self.runs.sigma_a is None else ["stress amplitude [MPa]"]
 
     def cells(self, of: RequiredReduction, condition: int) -> list[str]:
         """What a table says of a condition beside the reduction that is judged."""
-        return []
+        stress = self.runs.sigma_a
+        return [] if stress is None else [_largest_cell(stress[condition], 1e-6)]
 
     def motion_cells(self, motions: Attractors, motion: int) -> list[str]:
         """What a table says of a coexisting motion beside what it says of all."""
@@ -84,7 +86,6 @@ DOUBTFUL_VERDICTS = ("transient not over", "undecided", "stopped")
 class RowFindings(DesignFindings):
     """The findings on a row, of all its blades and interfaces; its diagnosis is of the worst condition."""
 
-    run_for: ClassVar[dict[str, Any]] = {"forces": True, "amplitudes": True}
     amplitudes_of: ClassVar[tuple[str, ...]] = (
         "P_d is that of all blades; amplitudes are those of the blade that swings most.",
     )
@@ -109,12 +110,14 @@ class RowFindings(DesignFindings):
     def heads(self, of: RequiredReduction) -> list[str]:
         """The heads of `cells`."""
         of_all = ["P_d of all blades [%]"] if of == "P_d_worst" else []
-        return [*of_all, "P_d of the worst blade [%]", "largest amplitude of x [mm]"]
+        stress = DesignFindings.heads(self, of)
+        return [*of_all, "P_d of the worst blade [%]", "largest amplitude of x [mm]", *stress]
 
     def cells(self, of: RequiredReduction, condition: int) -> list[str]:
         """What a table says of the row in a condition beside the reduction that is judged."""
         of_all = [f"{self.runs.P_d[condition]:.5g}"] if of == "P_d_worst" else []
-        return [*of_all, self.worst_blade(condition), self.largest_peak(condition)]
+        stress = DesignFindings.cells(self, of, condition)
+        return [*of_all, self.worst_blade(condition), self.largest_peak(condition), *stress]
 
     def worst_blade(self, condition: int) -> str:
         """The P_d of the blade that gains the least in a condition, and which it is."""
@@ -228,10 +231,10 @@ def _interfaces_section(findings: RowFindings, about: list[str]) -> Section:
     return Section("Loads at the interfaces", [*about, words], table)
 
 
-def _largest_cell(peaks: np.ndarray) -> str:
-    """The largest of the blades' amplitudes [m] in mm, and the blade that has it."""
+def _largest_cell(peaks: np.ndarray, per_si: float = MM_PER_M) -> str:
+    """The largest of the blades' amplitudes, in mm or another unit, and the blade that has it."""
     blade = int(np.argmax(np.where(np.isfinite(peaks), peaks, -np.inf)))
-    return f"{MM_PER_M * peaks[blade]:.5g} (blade {blade})"
+    return f"{per_si * peaks[blade]:.5g} (blade {blade})"
 
 
 def _left_out(count: int, what: str) -> str:

@@ -9,6 +9,7 @@ import row_reference
 from test_modal_blades import MODES
 
 import jaxshroud as js
+from jaxshroud.signals.amplitudes import free_level
 
 SIGMA = np.array([3e9, -2e10, 5e10, 1e11])
 METHODS = pytest.mark.parametrize("method", [js.RungeKutta(steps=800), js.Taylor(12, 1e-10, 200)], ids=str)
@@ -41,6 +42,8 @@ def test_stress_is_the_sum_of_that_of_the_modes(method):
     used = run.goodman(400e6, 900e6, sigma_0=np.array([1e8, -1e12]))
     pulled = (run.sigma_m[0, 0] + 1e8) / 900e6
     np.testing.assert_allclose(used[0], run.sigma_a[0] / 400e6 + [pulled, 0.0], rtol=1e-12)
+    # What designs are compared with.
+    assert free_level("sigma_a", scene) == pytest.approx(np.abs(SIGMA @ q)[0], rel=1e-12)
     # Control: of shapes without signs.
     assert np.max(np.abs(np.abs(np.abs(SIGMA) @ np.abs(q)) / run.sigma_a[0] - 1)) > 0.01
 
@@ -55,6 +58,32 @@ def test_stress_in_proportion_to_x_has_its_range(method):
     np.testing.assert_allclose(run.sigma_a + np.abs(about), scale * run.x_peak, rtol=1e-12)
     assert np.abs(about).max() > 1e-3 * run.sigma_a.max()  # contact makes it lopsided
     assert np.max(run.v_max) > 0
+
+
+SHORT = {"n_periods": 4, "transient": 30, "method": js.RungeKutta(steps=200)}
+
+
+@pytest.mark.full
+def test_designs_have_less_stress():
+    _, _, scene = stressed(SIGMA)
+    gap = np.array([1e-6, 1e-5, 4e-5])
+    swept = js.sweep(scene, {"shroud.gap": gap}, amplitudes=True, **SHORT).sigma_a
+    found = js.table(scene, {"shroud.gap [m]": gap}, by="sigma_a", **SHORT)
+    np.testing.assert_array_equal(found.sigma_a, swept)
+    np.testing.assert_array_equal(np.argsort(found.rank), np.argsort(swept.max(axis=1)))
+    drawn = js.scatter(scene, {"shroud.gap": (1e-6, 4e-5)}, of="sigma_a", draws=4, **SHORT)
+    again = js.sweep(scene, {"shroud.gap": drawn.drawn[:, 0]}, amplitudes=True, **SHORT).sigma_a
+    np.testing.assert_allclose(drawn.level, again[:, 0], rtol=1e-12)  # of the left blade
+    assert np.max(np.abs(drawn.level / again[:, 1] - 1)) > 1e-3
+    search = js.SearchOptions(scan=4, n_starts=1, updates=1)
+    tuned = js.tune(scene, {"shroud.gap": (1e-6, 4e-5)}, of="sigma_a", search=search, **SHORT)
+    own = js.sweep(scene, {key: [value] for key, value in tuned.design.items()}, amplitudes=True, **SHORT).sigma_a
+    np.testing.assert_allclose(tuned.level, own[0, 0], rtol=1e-2)
+
+
+def test_without_stress_there_is_no_aim():
+    with pytest.raises(js.InputError, match="give modes their `sigma`"):
+        js.gradient(js.load("table1").scene, ["shroud.gap"], of="sigma_a")
 
 
 def test_without_stress_there_is_no_goodman():

@@ -136,6 +136,17 @@ def settled_scene(n, blades, points, seed):
     return modal_reference.scene_of(p, modes, points)
 
 
+def swept_slopes(scene, keys, orbit, number_of):
+    """The derivatives of a number of settled sweeps by keys, from differences, and the values of the keys."""
+    levels = np.array([level_of(scene, key) for key in keys])
+    steps = 1e-4 * levels
+    offsets = np.array([[-2], [-1], [1], [2]])
+    parts = [scenes_around(scene, [key], v + h * offsets) for key, v, h in zip(keys, levels, steps, strict=True)]
+    scenes = jax.tree.map(lambda *a: np.concatenate(a), *parts)
+    swept = js.sweep(scenes, n_periods=2 * orbit.q, transient=512, method=FINE, amplitudes=True)
+    return number_of(swept).reshape(len(keys), 4) @ np.array([1, -8, 8, -1]) / (12 * steps), levels
+
+
 @pytest.mark.full
 @pytest.mark.parametrize(("n", "blades", "points", "seed"), SETTLED + RINGS)
 def test_derivatives_are_those_of_settled_sweeps(n, blades, points, seed):
@@ -145,17 +156,35 @@ def test_derivatives_are_those_of_settled_sweeps(n, blades, points, seed):
     keys = ["blades.modes[0].f", "blades.modes[0].zeta", "blades.modes[1].phi_x", f"blades.modes[{n - 1}].phi_theta"]
     keys += ["blades.modes[2].f[0]", "shroud.gap", "friction.mu"]
     found = js.gradient(scene, keys, orbit=orbit, method=FINE).value
-    levels = np.array([level_of(scene, key) for key in keys])
-    steps = 1e-4 * levels
-    offsets = np.array([[-2], [-1], [1], [2]])
-    parts = [scenes_around(scene, [key], v + h * offsets) for key, v, h in zip(keys, levels, steps, strict=True)]
-    scenes = jax.tree.map(lambda *a: np.concatenate(a), *parts)
-    swept = js.sweep(scenes, n_periods=2 * orbit.q, transient=512, method=FINE).P_d.reshape(len(keys), 4)
-    wanted = swept @ np.array([1, -8, 8, -1]) / (12 * steps)
+    wanted, levels = swept_slopes(scene, keys, orbit, lambda run: run.P_d)
     slope = np.array([found[key] for key in keys])
     size = np.max(np.abs(wanted * levels))
     # With 800 steps the times of events, by cubics, leave 1e-8, with 200 up to 8e-6; rounding 1e-9 of the largest.
     np.testing.assert_allclose(slope * levels, wanted * levels, rtol=1e-6, atol=1e-8 * size)
+    # Control: with the damper held instead of the damping ratio, the derivative by f is another one.
+    held = slope[0] - slope[1] * levels[1] / levels[0]
+    assert abs(held - wanted[0]) * levels[0] > 1e-5 * size
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("case", [SETTLED[0], RINGS[0]])
+def test_derivatives_of_stress_are_those_of_settled_sweeps(case):
+    scene = settled_scene(*case)
+    sigma = np.random.default_rng(1).uniform(1e9, 9e9, (case[0], 1)) * np.ones(case[1])
+    own = [dataclasses.replace(mode, sigma=a) for mode, a in zip(scene.blades.modes, sigma, strict=True)]
+    scene = dataclasses.replace(scene, blades=js.ModalBlades(tuple(own)))
+    of_stress = [f"blades.modes[{j}].sigma" for j in range(len(sigma))]
+    keys = ["blades.modes[0].f", "blades.modes[0].zeta", "blades.modes[1].phi_x", "shroud.gap", "friction.mu"]
+    orbit = js.orbit(scene, most_periods=192, method=FINE)
+    found = js.gradient(scene, [*keys, *of_stress], of="sigma_a", orbit=orbit, method=FINE)
+    assert found.flags == ()
+    counts = scene.layout.counting
+    wanted, levels = swept_slopes(scene, keys, orbit, lambda run: run.sigma_a[:, counts].max(axis=1))
+    slope = np.array([found.value[key] for key in keys])
+    size = np.max(np.abs(wanted * levels))
+    np.testing.assert_allclose(slope * levels, wanted * levels, rtol=1e-6, atol=1e-8 * size)
+    # Half the range is linear in the stress of all modes.
+    assert sum(found.value[key] * level_of(scene, key) for key in of_stress) == pytest.approx(found.level, rel=1e-9)
     # Control: with the damper held instead of the damping ratio, the derivative by f is another one.
     held = slope[0] - slope[1] * levels[1] / levels[0]
     assert abs(held - wanted[0]) * levels[0] > 1e-5 * size
