@@ -18,6 +18,7 @@ from jaxshroud.batch.tangents import TangentProblem, Tangents
 from jaxshroud.orbits.batched_algorithms import Algorithm, Derivatives, stacked
 from jaxshroud.orbits.orbit import PeriodicOrbit
 from jaxshroud.orbits.shooting import moved_start
+from jaxshroud.scene.modes import ModalBlades
 from jaxshroud.scene.quantities import Amplitude
 from jaxshroud.scene.scene import Scene, without_given
 
@@ -68,9 +69,14 @@ def amplitude_slope(orbit: PeriodicOrbit, amplitude: Amplitude, problem: Tangent
     blades = len(orbit.P)
     extremes = farthest_extremes(orbit, amplitude, mean)
     row = blades * amplitude.row
-    for extreme in extremes:
-        at = yield from _tangents_at(extreme, orbit, problem, lambda at: at.shroud[row + 3 * blades :])
+
+    def rates(at: Tangents) -> np.ndarray:
         assert at.shroud is not None  # as of all flows
+        return at.shroud[row + 3 * blades :]
+
+    for extreme in extremes:
+        at = yield from _tangents_at(extreme, orbit, problem, rates)
+        assert at.shroud is not None
         place = row + extreme.blade
         side = 1.0 if extreme.value > mean[extreme.blade] else -1.0
         moved = (at.shroud_by_parameter + at.shroud_by_state @ shift)[place]
@@ -83,6 +89,7 @@ def _stress_slope(orbit: PeriodicOrbit, problem: TangentProblem, shift: np.ndarr
     """The derivatives of half the range of the stress; `shift` is that of the start, (numbers, keys)."""
 
     def of_modes(scene: Scene) -> np.ndarray:
+        assert isinstance(scene.blades, ModalBlades)
         return np.stack([0 * mode.f if mode.sigma is None else mode.sigma for mode in scene.blades.modes])
 
     def stress(at: Tangents) -> np.ndarray:
