@@ -159,13 +159,15 @@ def print_columns(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]
     def plain(text):
         return Text(printable(text))  # no markup: titles and folders may hold anything
 
-    style: Any = {"title_justify": "left", "box": None, "padding": (0, 2, 0, 0)}
-    table = Table(title=plain(title) if title else None, show_header=heads_shown, **style)
+    console = Console(width=None if sys.stdout.isatty() else 160)
+    if title:
+        console.print(plain(title), style="italic")
+    table = Table(show_header=heads_shown, box=None, padding=(0, 2, 0, 0))
     for i, head in enumerate(heads):
         table.add_column(plain(head), justify="right" if i and heads_shown else "left")
     for row in rows:
         table.add_row(*map(plain, row))
-    Console(width=None if sys.stdout.isatty() else 160).print(table)
+    console.print(table)
 
 
 @contextmanager
