@@ -10,6 +10,7 @@ from collections.abc import Generator
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.linear.equilibrium import (
@@ -104,7 +105,8 @@ def _loaded_piece(scenes: Scene) -> Equilibrium:
 
 def _unloaded_state(unloaded: Equilibrium, scenes: Scene) -> ContactState:
     """The state of contact without loads: what is pressed sticks, where there is friction."""
-    rubs = (scenes.k * scenes.friction.k_d * scenes.friction.mu > 0) & (scenes.parts.friction != "none")
+    k = jax.tree.map(jnp.asarray, scenes).k
+    rubs = (k * scenes.friction.k_d * scenes.friction.mu > 0) & (scenes.parts.friction != "none")
     pressed = np.where(rubs.reshape(len(rubs), -1, 1), Mode.STICK, Mode.SLIP_PLUS)
     at, mode = unloaded.contact, unloaded.contact.mode
     mode = np.where(np.equal(mode, Mode.APART), mode, pressed).astype(np.int32)
