@@ -456,6 +456,12 @@ TUNED = {
     "over": {"shroud.gap": [1e-5, 2e-5]},
     "points": [[[1e-5]], [[2e-5]]],
     "scores": [[1.0], [2.0]],
+    "polished": [[2e-5]],
+    "polished_scores": [2.0],
+    "best_between": {"shroud.gap": [1e-5, 2e-5]},
+    "scanned": [[1e-5], [2e-5]],
+    "scanned_scores": [1.0, 2.0],
+    "scanned_ci": [0.1, 0.1],
     "map": None,
 }
 

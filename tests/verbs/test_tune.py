@@ -2,7 +2,6 @@
 
 import importlib
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -18,7 +17,7 @@ from jaxshroud.march.tableau import tableau
 from jaxshroud.model.prepared import initial_state
 from jaxshroud.results.tuned import DesignJudgement
 from jaxshroud.scene.grids import scenes_at
-from jaxshroud.scene.keys import AT_REST
+from jaxshroud.scene.keys import Motion
 from jaxshroud.verbs import gradient_ascent as ascent
 from jaxshroud.verbs.design_problem import Problem, judge_designs
 from jaxshroud.verbs.gradient_ascent import MAX_GROWTH, exact_slopes
@@ -232,7 +231,8 @@ def test_a_tuning_comes_back_from_its_file(scene, tmp_path):
 
 def test_a_tuning_starts_where_it_is_told(scene, tmp_path):
     # 1 mm apart at first, and no transient: the first periods count.
-    over, far = {"shroud.gap": (2e-5, 4e-5)}, initial_state(AT_REST._replace(x=jnp.asarray([-1e-3, 0.0])))
+    over, rest = {"shroud.gap": (2e-5, 4e-5)}, Motion(*np.zeros((6, 2)))
+    far = initial_state(rest._replace(x=np.array([-1e-3, 0.0])))
     small = TINY | {"n_periods": 2, "transient": 0}
     own, given = (tune(scene, over, state=state, **small) for state in (None, far))
     assert abs(own.objective - given.objective) > 1.0
