@@ -53,9 +53,9 @@ def amplitude_slope(orbit: PeriodicOrbit, amplitude: Amplitude, problem: Tangent
     method = orbit.method._replace(amplitudes=True, vibration=False)
     whole = yield Derivatives(problem, orbit.q, orbit.steps_per_period, method)
     shift = moved_start(orbit.jacobian.by_state, whole.by_parameter, orbit.free_sliders)
-    by = whole.moments_by_parameter + whole.moments_by_state @ shift
     if amplitude.displacement == "sigma":
         return (yield from _stress_slope(orbit, problem, shift))
+    by = whole.moments_by_parameter + whole.moments_by_state @ shift
     counts = orbit.scene.layout.counting
     (mean, square), (mean_by, square_by) = whole.moments[:, amplitude.row, counts], by[:, amplitude.row, counts]
     if amplitude.measure == "mean":
@@ -102,11 +102,11 @@ def _stress_slope(orbit: PeriodicOrbit, problem: TangentProblem, shift: np.ndarr
     alone = problem._replace(directions=(), by_state=False)
     requests = [_flow_to(place, orbit, alone) for place in places]
     course = np.stack([stress(at) for at in Derivatives.answers(requests)])
-    value, rate = np.moveaxis(np.concatenate([course[-1:], course]), 1, 0)
+    course = np.concatenate([course[-1:], course])  # (times, the stress and its rate, blades)
     period = float(orbit.scene.drive.period)
     found = []
     for blade in range(sigma.shape[1])[orbit.scene.layout.counting]:
-        turns = turning_points(value[:, blade], rate[:, blade], period, LEAST_SAMPLES, blade)
+        turns = turning_points(course[:, 0, blade], course[:, 1, blade], period, LEAST_SAMPLES, blade)
         heights = np.array([one.value for one in turns])
         near = CLOSE * np.ptp(heights)
         ends = []
