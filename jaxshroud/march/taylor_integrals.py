@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from numpy.polynomial.legendre import Legendre
 
 from jaxshroud.march.events import events_at_points, happens
@@ -284,9 +285,13 @@ def motion_after(own: tuple[Coefficients, ...], blades: AnyBlade, unit: Scalar, 
 
 
 def _unless_at_rest(value: Scalar, rate: Scalar) -> tuple[Scalar, Scalar]:
-    """A coordinate and its rate, both 0 where they are so small that rounding to 0 would let them change sign."""
+    """A coordinate and its rate, both 0 where they are so small that rounding to 0 would let them change sign.
+
+    What they would be beside that motion, their tangents, they keep.
+    """
     moves = jnp.abs(value) + jnp.abs(rate) > NO_MOTION[value.dtype.itemsize]
-    return where(moves, value, 0.0), where(moves, rate, 0.0)
+    rest = partial(where, moves, 0.0)
+    return value - lax.stop_gradient(rest(value)), rate - lax.stop_gradient(rest(rate))
 
 
 def _integrated(rate: Coefficients) -> Coefficients:

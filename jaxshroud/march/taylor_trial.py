@@ -4,6 +4,9 @@ The motion of the lane is expanded once. The last coefficients bound the length 
 guard that rises first and the motion there: no trial is repeated to locate an event.
 """
 
+import math
+import operator
+from collections.abc import Iterable
 from functools import partial, reduce
 from typing import Any, NamedTuple
 
@@ -77,6 +80,7 @@ from jaxshroud.model.arithmetic import (
     where,
     zeros_for,
 )
+from jaxshroud.model.coupling import SUFFIXES
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State
@@ -226,13 +230,14 @@ def trial_outcome(
     No guard of any interface rises unseen before that place, as none does before the first event of its own interface.
     """
     search, faces = lane.search, expansion.faces
-    terms = _largest_terms(expansion, fixed, order, each)
-    returns = _shortest_return(faces, each)
-    times = lane.step, fixed.stop, fixed.grid
-    length_of = partial(_trial_length, order=order)
-    h = each(length_of, terms, returns, search.done, search.tolerance, search.tries, search.cap, *times)
     contact = _contact_of(lane.state)
     model = fixed.model.interfaces
+    terms = _largest_terms(expansion, fixed, order, each)
+    stiffest = greatest(over(each, _square_by_contact, contact.mode, faces_of(fixed.model)))
+    returns = _shortest_return(faces, each)
+    times = lane.step, fixed.stop, fixed.grid
+    length_of = partial(_trial_length, order=order, neighbours=1 if fixed.model.is_pair else 2)
+    h = each(length_of, terms, stiffest, returns, search.done, search.tolerance, search.tries, search.cap, *times)
     before = search.crossed, search.probing, search.recheck, search.tries
     event, kind, several = over(each, _first_event_of_face, faces, contact, before, h, model)
     first = least(event.end)
@@ -279,23 +284,54 @@ class LargestTerms(NamedTuple):
     speed: Any  # the largest of orders 1 to 3
     last: Any
     before: Any  # the last but one
+    square: Any  # of the fastest motion of a blade by itself, see `squared_rates` [1/s^2]
 
 
 def _largest_terms(expansion: TaylorExpansion, fixed: Fixed[RowModel], order: int, each: Each) -> LargestTerms:
     """The largest coefficients over all blades."""
     blades = fixed.model.blades
 
-    def of_blade(own: tuple[Coefficients, ...], lever: Scalar) -> LargestTerms:
+    def of_blade(own: tuple[Coefficients, ...], lever: Scalar, blade: Any, inverse: Any) -> LargestTerms:
         def largest(n: int) -> Scalar:
             numbers = [ZERO if is_zero(a[0]) else a[n] for a in own]
             sizes = [jnp.abs(a) for a in blades.in_one_unit(numbers, lever) if not is_zero(a)]
             return reduce(jnp.maximum, sizes) if sizes else jnp.zeros_like(lever)  # of a rigid neighbour
 
-        return LargestTerms(reduce(jnp.maximum, map(largest, (1, 2, 3))), largest(order), largest(order - 1))
+        return LargestTerms(
+            speed=reduce(jnp.maximum, map(largest, (1, 2, 3))),
+            last=largest(order),
+            before=largest(order - 1),
+            square=_largest_present(blade.squared_rates(inverse), lever),
+        )
 
     lever = fixed.model.interfaces.block.a_x[0]
-    terms = over(each, of_blade, expansion.blades.own, lever)
-    return LargestTerms(speed=greatest(terms.speed), last=greatest(terms.last), before=greatest(terms.before))
+    terms = over(each, of_blade, expansion.blades.own, lever, blades, fixed.model.inverse)
+    return LargestTerms._make(map(greatest, terms))
+
+
+def _largest_present(numbers: Iterable[Any], like: Scalar) -> Scalar:
+    """The largest of the numbers that are not absent, none of which is negative; zero if all are."""
+    return reduce(jnp.maximum, (a for a in numbers if not is_zero(a)), jnp.zeros_like(like))
+
+
+def _square_by_contact(mode: Any, faces: dict[str, Any]) -> Scalar:
+    """A bound of what one interface adds to the square of the fastest motion of its blades [1/s^2].
+
+    The larger stiffness of contact resists a displacement of the corner that is furthest from the centre, in any
+    direction; of springs between neighbours each coordinate is by itself.
+    """
+    model = faces["interfaces"]
+    law, block = model.law, model.block
+    lever = jnp.maximum(block.a_x**2, block.b_x**2) + block.h_y**2
+    k = _largest_present([law.normal_stiffness, law.tangential_stiffness], lever)
+    mobility = [sum(pair) for pair in model.mobility.inverse]
+    held = k * (_largest_present(mobility[:2], lever) + lever * mobility[2])
+    square = where(interface_mode(mode) == Mode.APART, 0.0, held)
+    springs = [4 * kappa for kappa in faces["kappa"]]
+    if faces["coupling"] is not None:
+        stiffnesses = (getattr(faces["coupling"], f"k_{name}") for name in SUFFIXES.values())
+        springs += map(operator.mul, stiffnesses, mobility)
+    return square + _largest_present(springs, lever)
 
 
 def _shortest_return(faces: FaceSeries, each: Each) -> OfLanes | None:
@@ -312,6 +348,7 @@ def _shortest_return(faces: FaceSeries, each: Each) -> OfLanes | None:
 
 def _trial_length(
     terms: LargestTerms,
+    stiffest: Scalar,
     returns: Scalar | None,
     done: Scalar,
     tolerance: Scalar,
@@ -321,10 +358,16 @@ def _trial_length(
     stop: Int[Array, ""],
     grid: TimeGrid,
     order: int,
+    neighbours: int,
 ) -> Scalar:
-    """The longest trial that is accurate, and within which rocking is seen [rad]."""
+    """The longest trial that is accurate, follows the fastest motion, and within which rocking is seen [rad].
+
+    `stiffest` is the largest `_square_by_contact`; a blade has so many `neighbours`.
+    """
     rest = jnp.maximum(_remaining_angle(done, step, stop, grid.turn), 0.0)
     h = jnp.minimum(_accurate_length(terms, order, tolerance), rest)
+    per_radian = jnp.sqrt(terms.square + neighbours * stiffest) * (grid.h / (RADIANS_PER_TURN * grid.turn))
+    h = jnp.minimum(h, _followed_angle(order, tolerance) / (per_radian + NEGLIGIBLE_SPEED))
     if returns is not None:
         shortest = grid.flat * RADIANS_PER_TURN * grid.turn  # what returns sooner counts as flat contact
         h = jnp.minimum(h, jnp.maximum(returns, shortest))
@@ -337,6 +380,16 @@ def _accurate_length(terms: LargestTerms, order: int, tolerance: Scalar) -> Scal
     last = (order - 1, terms.before), (order, terms.last)
     lengths = [_power(allowed / (n * size + NEGLIGIBLE_SPEED), 1 / (n - 1)) for n, size in last]
     return jnp.minimum(jnp.minimum(*lengths), MAX_TRIAL_ANGLE)
+
+
+def _followed_angle(order: int, tolerance: Scalar) -> Scalar:
+    """The angle of an oscillation over which a series errs by the tolerance [rad].
+
+    A motion that is not excited bounds no trial by its coefficients, and is excited by rounding, or by a direction of
+    derivatives. A decay of twice the rate is stable.
+    """
+    error = math.factorial(order + 1) * tolerance
+    return jnp.minimum(_power(error, 1 / (order + 1)), 0.65 + 0.187 * order)
 
 
 def _remaining_angle(done: Any, step: Any, stop: Any, turn: Any) -> Any:

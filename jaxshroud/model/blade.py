@@ -108,6 +108,11 @@ class LumpedBlade(eqx.Module):
         """The damping of its coordinates."""
         return [self.c_x, self.c_y, self.c_T]
 
+    def squared_rates(self, inverse: InverseMasses) -> list[Any]:
+        """The squares of its natural frequencies, and of half of what its dampers take in a second [1/s^2]."""
+        springs = [k * w for k, w in zip(self.springs, inverse, strict=True)]
+        return [*springs, *((c * w / 2) ** 2 for c, w in zip(self.dampers, inverse, strict=True))]
+
     def accelerations(self, z: Motion, Q: Wave, drive: Excitation, R: BladeForces, inverse: InverseMasses) -> Any:
         """The accelerations by Eq. (1), at the wave `Q` of the drive and the forces `R` of contact."""
         a_x = (drive.force("x", Q) + R.x - self.c_x * z.v_x - self.k_x * z.x) * inverse.x
@@ -213,6 +218,11 @@ class ModalBlade(eqx.Module):
     def dampers(self) -> list[Any]:
         """The damping of its coordinates."""
         return [self.damping]
+
+    def squared_rates(self, inverse: None) -> list[Any]:
+        """The squares of its natural frequencies, and of half of what its dampers take in a second [1/s^2]."""
+        del inverse
+        return [*self.stiffness, *((c / 2) ** 2 for c in self.damping)]
 
     def accelerations(self, z: Any, Q: Wave, drive: Excitation, R: BladeForces, inverse: None) -> Any:
         """The accelerations of all coordinates, at the wave `Q` of the drive and the forces `R` of contact."""

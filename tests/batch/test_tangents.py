@@ -1,6 +1,7 @@
 """Tangents through stick, slip, impact and case switches against differences, and what they must satisfy."""
 
 import importlib
+import math
 from functools import partial
 
 import equinox as eqx
@@ -8,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.linalg
 from side_by_side import with_parts
 
 import jaxshroud as js
@@ -280,3 +282,32 @@ def test_second_derivatives_through_events_are_refused():
         jax.hessian(power)(gap)
     with pytest.raises(TypeError, match="first order only"):
         jax.jvp(jax.jacfwd(power), (gap,), (jnp.ones(()),))
+
+
+def error_of_derivative(motion, order=14):
+    """The error of the derivative of two periods by their start, from power series: of light blades that do not touch."""
+    apart = ["shroud.gap=5mm", "blades.c_T=0.005", "drive.M_0=0", f"drive.F_0={60 if motion == 'bends' else 0}"]
+    scene = load("table1_light", apart).scene
+    method = as_differentiable(Choices(TaylorOptions(order, 1e-7), "series"))
+    found = tangents(scene, initial_state(scene.initial), [], n=2, steps=STEPS, method=method)
+    period = math.tau / float(scene.drive.omega)
+    exact, size = np.zeros((SIZE, SIZE)), np.ones(SIZE)
+    for place, (m, c, k) in enumerate(scene.blades.oscillators.values()):
+        for blade in (0, 1):
+            at = 2 * place + blade + np.array([0, 6])
+            one = np.array([[0.0, 1.0], [-k[blade] / m[blade], -c[blade] / m[blade]]])
+            exact[np.ix_(at, at)] = scipy.linalg.expm(2 * period * one)
+            size[at] = 1, math.sqrt(k[blade] / m[blade])
+    return np.max(np.abs(found.by_state - exact) * size / size[:, None])
+
+
+@pytest.mark.parametrize("motion", ["rests", "bends"])
+def test_tangents_of_what_does_not_move(motion):
+    # No torsion, or nothing, moves: coefficients that are zero bound no trial, and light blocks turn 17 times a radian.
+    assert error_of_derivative(motion) < 1e-5
+
+
+def test_tangents_that_no_trial_follows_are_wrong(monkeypatch):
+    # Control: trials as long as the motion allows.
+    monkeypatch.setattr(taylor_trial, "_followed_angle", lambda *_: np.inf)
+    assert error_of_derivative("bends", order=13) > 10
