@@ -1,8 +1,11 @@
 """The static position of blades whose contact is asked to stay in one state, and that state at every interface."""
 
+from dataclasses import replace
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
+import equinox as eqx
+import jax
 import numpy as np
 
 from jaxshroud.linear.equilibrium import (
@@ -17,10 +20,14 @@ from jaxshroud.linear.equilibrium import (
 )
 from jaxshroud.linear.load_path import loaded_equilibria
 from jaxshroud.model.modes import FLAT, Mode
-from jaxshroud.scene.other_parts import with_parts
-from jaxshroud.scene.scene import Scene, without_given
+from jaxshroud.scene.scene import Contact, Scene, without_given
+from jaxshroud.scene.speed import ORDER
+from jaxshroud.scene.typed import FloatArray
 
 LinearState = Literal["apart", "stuck"]
+POINTS_OF_RANGE = 65  # speeds at which it is looked whether faces are pressed together
+SLOWEST = 1e-9  # of the end of a range: no speed is less
+SHARP = 4 * float(np.finfo(float).eps)  # of a speed at which faces open
 
 
 class HeldContact(NamedTuple):
@@ -35,8 +42,13 @@ class HeldContact(NamedTuple):
 
 
 def sprung(scenes: Scene) -> Scene:
-    """Scenes whose contact is asked to stay in one state, with contact that begins and ends."""
-    return with_parts(scenes, scenes.parts._replace(contact="spring")) if is_linear(scenes) else scenes
+    """Scenes with contact by springs that begins and ends, whatever their law, and without misprints of forces."""
+    c = scenes.contact
+    reading = c.reading & {"corner_angles"}
+    if scenes.parts.contact == "spring" and reading == c.reading:
+        return scenes
+    contact = Contact(c.k, c.gamma, reading, points=c.points)
+    return replace(scenes, contact=contact, parts=scenes.parts._replace(contact="spring"), laws=None)
 
 
 def is_linear(scenes: Scene) -> bool:
@@ -107,3 +119,53 @@ def _contact_held_in(scenes: Scene, state: LinearState) -> HeldContact:
     q, at = position_in(scenes, springs, contact, q)
     stuck = np.full_like(contact.mode, Mode.STICK)
     return HeldContact(q, stuck, case, at.u, held_directions(springs, contact), _least(at.N))
+
+
+def pressed_speeds(scene: Scene, ends: tuple[float, float]) -> list[tuple[float, float]]:
+    """The ranges of speeds [rad/s] within `ends` in which all faces are pressed together at rest."""
+    from scipy.optimize import root_scalar
+
+    start, stop = ends
+    order = abs(float(scene.given[ORDER]))
+
+    def least(speeds: FloatArray) -> FloatArray:
+        """The least normal force at speeds [N]; nothing is asked at speed 0 itself, where a flow has no frequency."""
+        scenes = jax.tree.map(lambda a: np.broadcast_to(a, (len(speeds), *np.shape(a))), without_given(scene))
+        omega = order * np.maximum(speeds, SLOWEST * stop)
+        found = held_contact(eqx.tree_at(lambda s: s.drive.omega, scenes, omega), "stuck").at_rest
+        return np.nan_to_num(found, nan=-1.0)
+
+    speeds = np.linspace(start, stop, POINTS_OF_RANGE)
+    pressed = least(speeds) > 0
+    changes = [
+        root_scalar(lambda v: least(np.array([v]))[0], bracket=speeds[i : i + 2], xtol=SHARP * stop, rtol=SHARP).root
+        for i in np.flatnonzero(pressed[1:] != pressed[:-1])
+    ]
+    edges = [*([start] if pressed[0] else []), *changes, *([stop] if pressed[-1] else [])]
+    return list(zip(edges[::2], edges[1::2], strict=True))
+
+
+def displaced_by_interference(scenes: Scene, gaps: FloatArray) -> FloatArray:
+    """The displacement of each block where interference presses the faces of one lane together, at rest, (blades,) [m].
+
+    The faces slide freely, and lumped blades do not turn.
+
+    Args:
+        scenes: The lane.
+        gaps: The gap at each interface without contact, (interfaces,); faces are together where it is negative.
+    """
+    if np.all(gaps >= 0):
+        return np.zeros(scenes.layout.blades)
+    scenes = friction_free(sprung(scenes))
+    springs = springs_of(scenes)
+    if scenes.mode_numbers is None:
+        springs = springs._replace(moves=springs.moves & (np.arange(len(springs.moves)) < 2 * springs.blades))
+    pressed = np.where(gaps < 0, PRESSED, Mode.APART).astype(np.int32)
+    modes = np.repeat(pressed[None, :, None], max(scenes.points, 1), axis=-1)
+
+    def displacements(modes: np.ndarray) -> FloatArray:
+        contact = ContactState(mode=modes, case=np.ones(modes.shape[:2], np.int32), u_s=np.zeros(modes.shape))
+        return position_in(scenes, springs, contact, np.zeros((1, 3, springs.blades)))[0][0]
+
+    x, y, _ = displacements(modes) - displacements(0 * modes)
+    return np.hypot(x, y)

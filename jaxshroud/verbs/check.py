@@ -11,20 +11,22 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
+from jaxshroud.batch.xla import one_lane
 from jaxshroud.cache.programs import kept
+from jaxshroud.linear.held_contact import displaced_by_interference
 from jaxshroud.linear.natural_modes import LinearContact, drive_loads, linear_contact
 from jaxshroud.march.stability import steps_for, stiffest
 from jaxshroud.march.tableau import RK4
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import Amplitudes, steady_amplitudes, waves_of
-from jaxshroud.model.linear_system import flow_matrix, solutions, spring_stiffness
+from jaxshroud.model.linear_system import flow_matrix
 from jaxshroud.model.steady_numbers import steady_peak
 from jaxshroud.results.data_sheet import Coordinate, DataSheet, FlowMode, NaturalMode, crossings_between
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import COORDINATES
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.speed import engine_order_of
 from jaxshroud.scene.typed import typed
 from jaxshroud.signals.averages import half_diagonal
@@ -104,7 +106,7 @@ def check(
         slide=float(free.along.max()),
         settled=settled_motion(scene) if has_settled_motion(scene) else None,
         modes=modes,
-        pressed=_floats(_displaced_by_interference(system, gaps, float(s.alpha))),
+        pressed=_floats(displaced_by_interference(one_lane(without_given(scene)), gaps)),
         in_phase=float(free.in_phase) if scene.row is None else math.nan,
         **({} if scene.row is None else _at_interfaces(arrays, k, free.across / math.sin(s.alpha), free.along)),
         **({"flow_modes": _modes_in_flow(arrays, system)} if scene.aero.exists and system.shroud is None else {}),
@@ -230,25 +232,6 @@ def _closed_by_mean_loads(mean: Amplitudes | None, alpha: float, interfaces: int
         return np.zeros(interfaces)
     x, y = (np.imag(a) - np.roll(np.imag(a), -1) for a in (mean.x, mean.y))
     return np.asarray(x - y / math.tan(alpha))[:interfaces]
-
-
-def _displaced_by_interference(system: LinearContact, gaps: np.ndarray, alpha: float) -> np.ndarray:
-    """The displacement of each block where interference presses the faces together, at rest, (blades,) [m].
-
-    The faces slide freely, and blocks of lumped blades do not turn.
-    """
-    bends = system.moves
-    if system.shroud is None:
-        bends = bends & (np.arange(len(bends)) < 2 * len(bends) // 3)
-    of_each = len(system.k) // len(gaps)  # one, or as many as a face has points
-    depth = np.repeat(np.maximum(-gaps, 0.0), of_each) * math.sin(alpha)
-    v_q = system.v_q[:, bends]
-    k = np.where(depth > 0, system.k, 0.0)
-    displacement = np.zeros(len(system.moves))
-    stiffness = system.free.stiffness[np.ix_(bends, bends)] + spring_stiffness(k, v_q)
-    displacement[bends] = solutions(stiffness, -v_q.T @ (k * depth))
-    x, y, _ = system.shroud_motion(displacement).reshape(3, -1)
-    return np.hypot(x, y)
 
 
 def _checked_orders(given: Sequence[float | int] | None, own: float | None) -> list[float]:

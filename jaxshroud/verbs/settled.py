@@ -11,13 +11,11 @@ import numpy as np
 
 from jaxshroud.batch.linear_runs import linear_status
 from jaxshroud.batch.xla import one_lane
-from jaxshroud.cache.programs import kept
 from jaxshroud.linear.equilibrium import Equilibrium, static_equilibria
-from jaxshroud.linear.held_contact import LinearState, held_contact, is_linear, sprung
+from jaxshroud.linear.held_contact import LinearState, held_contact, is_linear, pressed_speeds, sprung
 from jaxshroud.linear.linear_motion import LinearMotion, linear_motions
 from jaxshroud.linear.linear_transient import outlasts_transient
 from jaxshroud.linear.load_path import start_equilibria
-from jaxshroud.linear.natural_modes import LinearContact, linear_contact
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.results.data_sheet import SettledMotion
 from jaxshroud.scene.checks import InputError, word_argument
@@ -31,7 +29,6 @@ from jaxshroud.scene.title import display_value
 from jaxshroud.signals.amplitudes import is_preloaded
 from jaxshroud.verbs.arguments import flatten_lanes, leading_axes
 from jaxshroud.verbs.asked import Asked, MethodArgument
-from jaxshroud.verbs.campbell_lines import pressed_speeds
 
 SPEED = ("drive", "speed")  # whose unit messages have
 DIED_OUT = 1e-3  # of a free vibration
@@ -192,15 +189,10 @@ def _open_text(scenes: Scene, at: int) -> str:
         return reason
     one = jax.tree.map(lambda a: np.asarray(a)[at], scenes)
     fastest = float(np.max(np.asarray(scenes.drive.omega) / np.abs(np.asarray(scenes.given[ORDER]))))
-    pressed = pressed_speeds(one, jax.tree.map(np.asarray, _touching(one)), (0.0, fastest))
+    pressed = pressed_speeds(one, (0.0, fastest))
     if not pressed:
         return f"{reason} at any speed up to {display_value(*SPEED, fastest)}"
     return f"{reason} above {display_value(*SPEED, pressed[-1][1])}"
-
-
-@kept()
-def _touching(scene: Scene) -> LinearContact:
-    return linear_contact(scene)
 
 
 def default_state(scenes: Scene | SceneFile, method: MethodArgument) -> LinearState | None:
