@@ -168,17 +168,21 @@ def _without_contact(springs: Springs) -> Equilibrium:
 
 def _first_states(scenes: Scene) -> list[ContactState]:
     """The states of contact from which equilibria are sought: one for all interfaces."""
-    lanes = len(scenes.drive.omega)
-    layout = scenes.layout
-    points = max(scenes.points, 1)
-    turns = "theta" in scenes.parts.motion and not scenes.points
-    shape = lanes, layout.interfaces
-    apart = ContactState(
-        np.full((*shape, points), Mode.APART, np.int32), np.zeros(shape, np.int32), np.zeros((*shape, points))
-    )
-    pressed = np.full_like(apart.mode, PRESSED)
-    cases = (FLAT, 2, 4) if turns else (4,)
-    return [apart, *(apart._replace(mode=pressed, case=np.full(shape, case, np.int32)) for case in cases)]
+    cases = (FLAT, 2, 4) if meets_at_corners(scenes) else (4,)
+    return [alike_contact(scenes, Mode.APART, 0), *(alike_contact(scenes, PRESSED, case) for case in cases)]
+
+
+def meets_at_corners(scenes: Scene) -> bool:
+    """Whether blocks turn, and faces meet at corners or flat on each other."""
+    return "theta" in scenes.parts.motion and not scenes.points
+
+
+def alike_contact(scenes: Scene, mode: Any, case: int) -> ContactState:
+    """The state of contact of scenes (leading axis) with one case, and one mode or that of each interface."""
+    shape = len(scenes.drive.omega), scenes.layout.interfaces
+    of_points = *shape, max(scenes.points, 1)
+    modes = np.broadcast_to(np.reshape(mode, (-1, 1)), of_points).astype(np.int32)
+    return ContactState(modes, np.full(shape, case, np.int32), np.zeros(of_points))
 
 
 def _different(ends: FloatArray) -> np.ndarray:

@@ -10,10 +10,11 @@ import numpy as np
 
 from jaxshroud.linear.equilibrium import (
     PRESSED,
-    ContactState,
+    alike_contact,
     friction_free,
     held_directions,
     least_energy_equilibria,
+    meets_at_corners,
     of_alike_at_rest,
     position_in,
     springs_of,
@@ -90,35 +91,24 @@ def _least(of_points: np.ndarray) -> np.ndarray:
 
 def _contact_held_in(scenes: Scene, state: LinearState) -> HeldContact:
     springs = springs_of(scenes)
-    layout = scenes.layout
-    shape = len(scenes.drive.omega), layout.interfaces
-    apart = ContactState(
-        np.zeros((*shape, max(scenes.points, 1)), np.int32),
-        np.zeros(shape, np.int32),
-        np.zeros((*shape, max(scenes.points, 1))),
-    )
-    if state == "apart":
-        q, at = position_in(scenes, springs, apart, np.zeros((shape[0], 3, layout.blades)))
-        return HeldContact(
-            q=q,
-            mode=apart.mode,
-            case=apart.case,
-            u_s=apart.u_s,
-            rigid=held_directions(springs, apart),
-            at_rest=_least(-at.open_v),
-        )
-    case = np.full(shape, 4, np.int32)
-    q = np.zeros((shape[0], 3, layout.blades))
-    if "theta" in scenes.parts.motion and not scenes.points:  # at which corners the faces touch, or whether flat
+    apart = state == "apart"
+    contact = alike_contact(scenes, Mode.APART, 0) if apart else alike_contact(scenes, PRESSED, 4)
+    q = np.zeros((len(springs.load), 3, springs.blades))
+    if not apart and meets_at_corners(scenes):  # at which corners the faces touch, or whether flat
         rest = least_energy_equilibria(scenes)
         lost = np.any(np.isnan(rest.q), axis=(1, 2))
         is_open = np.equal(rest.contact.mode, Mode.APART).any(axis=-1) | lost[:, None]
-        case = np.where(is_open, FLAT, rest.contact.case).astype(np.int32)
+        contact = contact._replace(case=np.where(is_open, FLAT, rest.contact.case).astype(np.int32))
         q = np.where(lost[:, None, None], 0.0, rest.q)
-    contact = ContactState(np.full_like(apart.mode, PRESSED), case, apart.u_s)
     q, at = position_in(scenes, springs, contact, q)
-    stuck = np.full_like(contact.mode, Mode.STICK)
-    return HeldContact(q, stuck, case, at.u, held_directions(springs, contact), _least(at.N))
+    return HeldContact(
+        q=q,
+        mode=contact.mode if apart else np.full_like(contact.mode, Mode.STICK),
+        case=contact.case,
+        u_s=contact.u_s if apart else at.u,
+        rigid=held_directions(springs, contact),
+        at_rest=_least(-at.open_v if apart else at.N),
+    )
 
 
 def pressed_speeds(scene: Scene, ends: tuple[float, float]) -> list[tuple[float, float]]:
@@ -160,12 +150,10 @@ def displaced_by_interference(scenes: Scene, gaps: FloatArray) -> FloatArray:
     springs = springs_of(scenes)
     if scenes.mode_numbers is None:
         springs = springs._replace(moves=springs.moves & (np.arange(len(springs.moves)) < 2 * springs.blades))
-    pressed = np.where(gaps < 0, PRESSED, Mode.APART).astype(np.int32)
-    modes = np.repeat(pressed[None, :, None], max(scenes.points, 1), axis=-1)
 
-    def displacements(modes: np.ndarray) -> FloatArray:
-        contact = ContactState(mode=modes, case=np.ones(modes.shape[:2], np.int32), u_s=np.zeros(modes.shape))
+    def displacements(mode: Any) -> FloatArray:
+        contact = alike_contact(scenes, mode, 1)
         return position_in(scenes, springs, contact, np.zeros((1, 3, springs.blades)))[0][0]
 
-    x, y, _ = displacements(modes) - displacements(0 * modes)
+    x, y, _ = displacements(np.where(gaps < 0, PRESSED, Mode.APART)) - displacements(Mode.APART)
     return np.hypot(x, y)

@@ -26,6 +26,7 @@ from jaxshroud.linear.equilibrium import (
     equilibrium_at,
     friction_free,
     in_pieces,
+    meets_at_corners,
     of_alike_at_rest,
     passed_on,
     position_in,
@@ -111,8 +112,7 @@ def _unloaded_state(unloaded: Equilibrium, scenes: Scene) -> ContactState:
     at, mode = unloaded.contact, unloaded.contact.mode
     mode = np.where(np.equal(mode, Mode.APART), mode, pressed).astype(np.int32)
     fixed = 0 if scenes.points else 1  # without corners all cases are alike; marches have these
-    turns = "theta" in scenes.parts.motion and not scenes.points
-    return at._replace(mode=mode, case=at.case if turns else np.full_like(at.case, fixed))
+    return at._replace(mode=mode, case=at.case if meets_at_corners(scenes) else np.full_like(at.case, fixed))
 
 
 def _lane(tree, i: int):

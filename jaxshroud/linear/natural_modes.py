@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.activity import counted
-from jaxshroud.linear.equilibrium import PRESSED, friction_free
+from jaxshroud.linear.equilibrium import PRESSED, friction_free, meets_at_corners
 from jaxshroud.linear.held_contact import sprung
 from jaxshroud.linear.resting_contact import resting_contact_of
 from jaxshroud.model.linear_system import (
@@ -89,7 +89,7 @@ def linear_contact(scene: Scene) -> LinearContact:
         moves=coordinates_that_move(scene),
         sliding=over_coordinates(over_coordinates(sliding, shroud).T, shroud).T,
         stuck=over_coordinates(over_coordinates(stuck, shroud).T, shroud).T,
-        turns_as_one=np.array(not scene.points and "theta" in scene.parts.motion),
+        turns_as_one=np.array(meets_at_corners(scene)),
         shroud=shroud,
         shroud_mass=None if shroud is None else jnp.concatenate(_shroud_masses(scene)),
     )

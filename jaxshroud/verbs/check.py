@@ -193,7 +193,7 @@ def _free_and_touching(
 def _motion_apart(scene: Scene) -> FreeMotion:
     free = steady_amplitudes(scene)
     sines = {n: one for n, one in scene.drive.harmonics().items() if n > 0}
-    loads = {name: {n: lax.complex(*one.parts(name)[:2]) for n, one in sines.items()} for name in COORDINATES}
+    loads = {name: {n: lax.complex(*one.parts(name)) for n, one in sines.items()} for name in COORDINATES}
     shifts = {n: (x, y) for (n, x), y in zip(waves_of(free, "x").items(), waves_of(free, "y").values(), strict=True)}
     faces = {n: _motion_of_faces(x, y, scene.shroud.alpha, scene.layout.interfaces) for n, (x, y) in shifts.items()}
     return FreeMotion(
