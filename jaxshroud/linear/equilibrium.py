@@ -92,6 +92,11 @@ def friction_free(scenes: Scene) -> Scene:
     return eqx.tree_at(lambda s: s.friction.mu, scenes, 0.0 * scenes.friction.mu)
 
 
+def rubs(scenes: Scene) -> Any:
+    """Whether there is friction, at each interface of scenes."""
+    return (scenes.friction.mu > 0) & (scenes.friction.k_d > 0) & (scenes.parts.friction != "none")
+
+
 def static_equilibria(scenes: Scene) -> Equilibrium:
     """The static equilibrium of least energy of each scene (leading axis), and how many are found.
 
@@ -146,7 +151,9 @@ def _under_mean_loads(scenes: Scene) -> Equilibrium:
 def equilibria_under(springs: Springs, scenes: Scene) -> Equilibrium:
     """`static_equilibria` of few scenes (leading axis) without friction, under the loads on their `springs`."""
     if scenes.parts.contact == "none":
-        return _without_contact(springs)
+        q = solutions(springs.stiffness, springs.load).reshape(len(springs.load), 3, -1)
+        nothing = RestingContact._make([np.zeros((len(q), 1))] * len(RestingContact._fields))
+        return equilibrium_at(springs, alike_contact(scenes, Mode.APART, 0), nothing, q, np.ones(len(q), bool))
     ends = [_equilibrium(scenes, springs, first) for first in _first_states(scenes)]
     energies = np.array([np.where(np.isnan(end.q[:, 0, 0]), np.inf, end.energy) for end in ends])
     best = np.argmin(energies, axis=0)
@@ -154,16 +161,6 @@ def equilibria_under(springs: Springs, scenes: Scene) -> Equilibrium:
     found = _different(np.array([end.q for end in ends]))
     least = jax.tree.map(lambda *a: np.stack(a)[best, lanes], *ends)
     return least._replace(found=found)
-
-
-def _without_contact(springs: Springs) -> Equilibrium:
-    q = solutions(springs.stiffness, springs.load).reshape(len(springs.load), 3, -1)
-    lanes = len(q)
-    none = np.zeros((len(q), 0, 1))
-    contact = ContactState(none.astype(np.int32), none[..., 0].astype(np.int32), none)
-    energy = -np.sum(springs.load * q.reshape(lanes, -1), axis=1) / 2
-    nothing = RestingContact._make([np.zeros((lanes, 0))] * len(RestingContact._fields))
-    return Equilibrium(q, np.ones(lanes, int), contact, nothing, energy, np.zeros(lanes))
 
 
 def _first_states(scenes: Scene) -> list[ContactState]:

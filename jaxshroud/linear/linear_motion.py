@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxshroud.linear.equilibrium import in_pieces
+from jaxshroud.linear.equilibrium import in_pieces, rubs
 from jaxshroud.linear.held_contact import HeldContact, held_contact, sprung
 from jaxshroud.linear.linear_swing import (
     HeldRest,
@@ -145,9 +145,9 @@ def _contact_course(scene: Scene, held: HeldContact, at: HeldRest, swing: Steady
 
     N, F, opening = at_points(at.N, at.N_q), at_points(at.F, at.F_q), at_points(at.open_v, at.open_v_q)
     apart = held.mode == Mode.APART
-    mu = jnp.broadcast_to(jnp.atleast_1d(scene.friction.mu), held.case.shape)[:, None]
-    k_d = jnp.broadcast_to(jnp.atleast_1d(scene.friction.k_d), held.case.shape)[:, None]
-    rubs = (mu > 0) & (k_d > 0) & (scene.parts.friction != "none")
+    mu, can_slip = (
+        jnp.broadcast_to(jnp.atleast_1d(a), held.case.shape)[:, None] for a in (scene.friction.mu, rubs(scene))
+    )
 
     def times_mu(a):
         return lax.complex(mu * a.real, mu * a.imag)
@@ -159,10 +159,10 @@ def _contact_course(scene: Scene, held: HeldContact, at: HeldRest, swing: Steady
 
     both_ways = least_value(limit(1), count), least_value(limit(-1), count)
     slip = jnp.minimum(*both_ways)
-    other = jnp.min(jnp.where(apart | ~rubs, jnp.inf, (both_ways[0] + both_ways[1]) / 2), axis=-1)
+    other = jnp.min(jnp.where(apart | ~can_slip, jnp.inf, (both_ways[0] + both_ways[1]) / 2), axis=-1)
     margins = Margins(
         jnp.min(jnp.where(apart, jnp.inf, least_value(N, count)), axis=-1),
-        jnp.min(jnp.where(apart | ~rubs, jnp.inf, slip), axis=-1),
+        jnp.min(jnp.where(apart | ~can_slip, jnp.inf, slip), axis=-1),
         jnp.min(jnp.where(apart.all(axis=-1)[:, None], least_value(negative(opening), count), jnp.inf), axis=-1),
     )
 

@@ -112,11 +112,7 @@ def _about_rest(scene: Scene, held: HeldContact, step: Any) -> tuple[HeldRest, d
     q = lax.stop_gradient(held.q).ravel() + blocks.expanded(step)
     sliders = held.u_s if scene.start == "from rest" else None
     at = resting_contact_of(scene, q.reshape(held.q.shape), held.mode, held.case, sliders)
-    matrices = LinearSystem(
-        mass=blocks.diagonal(free.mass),
-        damping=blocks.over(blocks.free.T @ free.damping),
-        stiffness=blocks.reduced(free.stiffness - at.load_q),
-    )
+    matrices = blocks.system(free._replace(stiffness=free.stiffness - at.load_q))
     driven = {}
     for n, load in drive_loads(scene).items():
         driven[n] = Equations(matrices.dynamic(scene.drive.frequency(n)), blocks.over(load))

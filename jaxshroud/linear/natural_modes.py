@@ -25,6 +25,7 @@ from jaxshroud.linear.held_contact import sprung
 from jaxshroud.linear.resting_contact import resting_contact_of
 from jaxshroud.model.linear_system import (
     LinearSystem,
+    ReducedSystem,
     coordinates_that_move,
     directions,
     free_system,
@@ -63,6 +64,17 @@ class LinearContact(NamedTuple):
             return free_directions(self.moves, as_one)
         own = np.eye(len(self.moves))[:, self.moves]
         return own @ _turning_as_one(np.asarray(self.shroud) @ own) if as_one else own
+
+    def system_in(self, contact: NaturalContact) -> LinearSystem:
+        """The blades in one state of contact.
+
+        Faces that stay on each other turn all blocks by one angle; where they have several points, each has its share
+        of the springs, which resist a turn against each other.
+        """
+        if contact == "apart":
+            return self.free
+        of_contact = self.sliding if contact == "sliding" else self.stuck
+        return self.free._replace(stiffness=self.free.stiffness + of_contact)
 
     def shroud_motion(self, shape: Any) -> Any:
         """The displacements (..., 3 N) of the shrouds from those of the coordinates."""
@@ -137,17 +149,6 @@ def drive_loads(scene: Scene) -> dict[int, Any]:
     return {n: loads_on_coordinates(scene, one) for n, one in scene.drive.harmonics().items() if n > 0}
 
 
-def contact_stiffness(blades: LinearContact, contact: NaturalContact) -> Any:
-    """What one state of contact adds to the stiffness of all blades, (D, D).
-
-    Faces that stay on each other turn all blocks by one angle; where they have several points, each has its share of
-    the springs, which resist a turn against each other.
-    """
-    if contact == "apart":
-        return 0 * blades.sliding
-    return blades.sliding if contact == "sliding" else blades.stuck
-
-
 def natural_modes(blades: LinearContact, contact: NaturalContact) -> NaturalModes:
     """The modes of all blades in one state of contact, from arrays of NumPy.
 
@@ -164,9 +165,9 @@ def natural_modes(blades: LinearContact, contact: NaturalContact) -> NaturalMode
 
 def _by_mass(blades: LinearContact, contact: NaturalContact, free: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The roots of the masses along directions, and the symmetric stiffness over these."""
-    root = np.sqrt(free.T**2 @ blades.free.mass)
-    K = blades.free.stiffness + contact_stiffness(blades, contact)
-    return root, free.T @ ((K + K.T) / 2) @ free / np.outer(root, root)
+    mass, _, K = ReducedSystem(free).system(blades.system_in(contact))
+    root = np.sqrt(mass)
+    return root, (K + K.T) / 2 / np.outer(root, root)
 
 
 def free_directions(moves: np.ndarray, as_one: bool) -> FloatArray:

@@ -375,6 +375,11 @@ class ReducedSystem(NamedTuple):
             idle.shape[-1], dtype=idle.dtype
         )
 
+    def system(self, whole: LinearSystem) -> LinearSystem:
+        """A system over the directions."""
+        damping = self.over(self.free.swapaxes(-1, -2) @ whole.damping)
+        return LinearSystem(self.diagonal(whole.mass), damping, self.reduced(whole.stiffness))
+
     def diagonal(self, numbers: Any) -> Any:
         """A diagonal matrix over the directions, which are orthogonal."""
         return self.free.swapaxes(-1, -2) ** 2 @ numbers

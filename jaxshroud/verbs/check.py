@@ -19,7 +19,7 @@ from jaxshroud.march.stability import steps_for, stiffest
 from jaxshroud.march.tableau import RK4
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import gyration
-from jaxshroud.model.linear import Amplitudes, steady_amplitudes, waves_of
+from jaxshroud.model.linear import steady_amplitudes, waves_of
 from jaxshroud.model.linear_system import flow_matrix
 from jaxshroud.model.steady_numbers import steady_peak
 from jaxshroud.results.data_sheet import Coordinate, DataSheet, FlowMode, NaturalMode, crossings_between
@@ -88,14 +88,14 @@ def check(
     free, k, gyration_of_block, lever, system, load = jax.tree.map(np.asarray, _free_and_touching(scene))
     b, s = arrays.mistuned_blades, arrays.running_shroud
     k = np.atleast_1d(k)
-    gaps = np.atleast_1d(s.gap) - _closed_by_mean_loads(free.mean, float(s.alpha), np.size(s.gap))
+    gaps = np.atleast_1d(s.gap) - (0.0 if free.closing is None else free.closing / math.sin(s.alpha))
     nearest = int(np.argmax(free.across))
     modes = modes_of(arrays, k, system, load)
     sheet = DataSheet(
         coordinates=_free_coordinates(arrays, free),
         drive=float(arrays.drive.omega) / RAD_PER_CYCLE,
         gap=float(np.min(s.gap)),
-        **({} if free.mean is None else {"static_gaps": _floats(gaps)}),
+        **({} if free.closing is None else {"static_gaps": _floats(gaps)}),
         approach=float(free.across[nearest]) / math.sin(s.alpha),
         corner=_floats(lever * free.peaks["theta"]),
         inertia=_floats(b.I / (b.m * gyration_of_block)),
@@ -173,7 +173,7 @@ class FreeMotion(NamedTuple):
     strongest: dict[str, Any]  # (blades,) the largest amplitude of any harmonic of it
     across: Any  # (interfaces,) amplitude of the faces' motion across each other, without rotation [m]
     along: Any  # (interfaces,) of that along each other
-    mean: Amplitudes | None  # displacements under mean loads; None without these
+    closing: Any  # (interfaces,) across each other under mean loads [m]; None without these
     in_phase: Any  # share of the mean square of x and y in which the first two blades move alike; NaN at rest
 
 
@@ -192,17 +192,19 @@ def _free_and_touching(
 
 def _motion_apart(scene: Scene) -> FreeMotion:
     free = steady_amplitudes(scene)
+    alpha, interfaces = scene.shroud.alpha, scene.layout.interfaces
+    mean = free.get(0)
     sines = {n: one for n, one in scene.drive.harmonics().items() if n > 0}
     loads = {name: {n: lax.complex(*one.parts(name)) for n, one in sines.items()} for name in COORDINATES}
     shifts = {n: (x, y) for (n, x), y in zip(waves_of(free, "x").items(), waves_of(free, "y").values(), strict=True)}
-    faces = {n: _motion_of_faces(x, y, scene.shroud.alpha, scene.layout.interfaces) for n, (x, y) in shifts.items()}
+    faces = {n: _motion_of_faces(x, y, alpha, interfaces) for n, (x, y) in shifts.items()}
     return FreeMotion(
         peaks={name: steady_peak(waves_of(free, name)) for name in COORDINATES},
         loads={name: steady_peak(load) for name, load in loads.items()},
         strongest={name: jnp.max(jnp.abs(jnp.stack([*load.values()])), axis=0) for name, load in loads.items()},
         across=steady_peak({n: across for n, (across, _) in faces.items()}),
         along=steady_peak({n: along for n, (_, along) in faces.items()}),
-        mean=free.get(0),
+        closing=None if mean is None else _motion_of_faces(mean.x, mean.y, alpha, interfaces)[0].imag,
         in_phase=_share_in_phase([a[:2] for pair in shifts.values() for a in pair]),
     )
 
@@ -224,14 +226,6 @@ def _share_in_phase(waves: Sequence[Any]) -> Scalar:
     """The share of the mean square of complex amplitudes (2,) in which both are one; NaN where all are 0 or inf."""
     parts = jnp.stack([part for wave in waves for part in (wave.real, wave.imag)])
     return jnp.sum(jnp.square(jnp.sum(parts, axis=-1))) / (2 * jnp.sum(jnp.square(parts)))
-
-
-def _closed_by_mean_loads(mean: Amplitudes | None, alpha: float, interfaces: int) -> np.ndarray:
-    """By how much mean loads reduce each gap without contact and rotation [m], (interfaces,)."""
-    if mean is None:
-        return np.zeros(interfaces)
-    x, y = (np.imag(a) - np.roll(np.imag(a), -1) for a in (mean.x, mean.y))
-    return np.asarray(x - y / math.tan(alpha))[:interfaces]
 
 
 def _checked_orders(given: Sequence[float | int] | None, own: float | None) -> list[float]:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from jaxshroud.linear.equilibrium import meets_at_corners, rubs
 from jaxshroud.linear.natural_modes import LinearContact, NaturalContact, drive_shares, natural_modes
 from jaxshroud.model.linear_system import LinearSystem, rate_matrix
 from jaxshroud.results.data_sheet import FlowMode, NaturalMode
@@ -65,16 +66,9 @@ def contacts_of(scene: Scene, k: np.ndarray) -> list[NaturalContact]:
     """The states of contact that the model of a scene has."""
     if scene.parts.contact == "none" or not np.any(k):
         return ["apart"]
-    if not _has_friction(scene):
+    if not (np.any(rubs(scene)) if scene.laws is None else scene.laws.has_friction):
         return ["apart", "sliding"]
-    at_corner = "theta" in scene.parts.motion and scene.contact.points is None
-    return ["apart", "sliding", "stuck", *(["corner"] if at_corner else [])]
-
-
-def _has_friction(scene: Scene) -> bool:
-    if scene.laws is not None:
-        return scene.laws.has_friction
-    return scene.parts.friction != "none" and bool(np.any((scene.friction.mu > 0) & (scene.friction.k_d > 0)))
+    return ["apart", "sliding", "stuck", *(["corner"] if meets_at_corners(scene) else [])]
 
 
 def modes_in(

@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxshroud.batch.linear_runs import linear_status
 from jaxshroud.batch.xla import one_lane
-from jaxshroud.linear.equilibrium import Equilibrium, static_equilibria
+from jaxshroud.linear.equilibrium import Equilibrium, rubs, static_equilibria
 from jaxshroud.linear.held_contact import LinearState, held_contact, is_linear, pressed_speeds, sprung
 from jaxshroud.linear.linear_motion import LinearMotion, linear_motions
 from jaxshroud.linear.linear_transient import outlasts_transient
@@ -47,14 +47,21 @@ def settled_motion(scene: Scene) -> SettledMotion:
     """The judgement of a scene."""
     lanes, _ = smallest_ring(jax.tree.map(np.asarray, one_lane(without_given(sprung(scene)))))
     rest = start_equilibria(lanes)
-    is_apart = rest.contact.mode == Mode.APART
     exact = "theta" not in scene.parts.motion
     equilibria = int(rest.found[0])
-    if not equilibria or (is_apart.any() and not is_apart.all()):
+    state = _state_at_rest(rest)
+    if not equilibria or state is None:
         return SettledMotion("", _without_state(scene, equilibria), exact, equilibria)
-    state: LinearState = "apart" if is_apart.all() else "stuck"
     motion = linear_motions(lanes, held_contact(lanes, state))
-    return _judgement(state, motion, rest, exact, _rubs(scene))
+    return _judgement(state, motion, rest, exact, bool(np.any(rubs(scene))))
+
+
+def _state_at_rest(rest: Equilibrium) -> LinearState | None:
+    """The one state of contact at all interfaces of all lanes; None where there are both."""
+    is_apart = rest.contact.mode == Mode.APART
+    if is_apart.all():
+        return "apart"
+    return None if is_apart.any() else "stuck"
 
 
 def _without_state(scene: Scene, equilibria: int) -> str:
@@ -77,10 +84,9 @@ def kept_state(scenes: Scene) -> LinearState | None:
         return None
     lanes, _ = smallest_ring(jax.tree.map(np.asarray, without_given(scenes)))
     rest = static_equilibria(lanes)
-    is_apart = rest.contact.mode == Mode.APART
-    if np.any(rest.found != 1) or (is_apart.any() and not is_apart.all()):
+    state = _state_at_rest(rest)
+    if state is None or np.any(rest.found != 1):
         return None
-    state: LinearState = "apart" if is_apart.all() else "stuck"
     held = held_contact(lanes, state)
     motion = linear_motions(lanes, held)
     keeps = np.all(linear_status(motion) == Status.OK) and outlasts_transient(lanes, held, motion)
@@ -120,15 +126,11 @@ def settling_advice(periods: float, touches: bool, discarded: str = "") -> str:
     return f"{advice}{sooner if touches else ''}"
 
 
-def _rubs(scene: Scene) -> bool:
-    """Whether there is friction at any interface."""
-    numbers = scene.friction.mu, scene.friction.k_d
-    return scene.parts.friction != "none" and bool(np.all([np.any(np.asarray(a) > 0) for a in numbers]))
-
-
-def _judgement(state: LinearState, motion: LinearMotion, rest: Equilibrium, exact: bool, rubs: bool) -> SettledMotion:
+def _judgement(
+    state: LinearState, motion: LinearMotion, rest: Equilibrium, exact: bool, has_friction: bool
+) -> SettledMotion:
     least = {name: float(np.min(a)) for name, a in motion.margins._asdict().items()}
-    name = "in contact" if state == "stuck" and not rubs else state
+    name = "in contact" if state == "stuck" and not has_friction else state
     holds = linear_status(motion)[0] == Status.OK
     reason = ""
     if not holds:
