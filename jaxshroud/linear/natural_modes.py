@@ -54,8 +54,8 @@ class LinearContact(NamedTuple):
     sliding: Any  # (D, D) what contact without friction adds to the stiffness
     stuck: Any  # (D, D) what it adds where the faces stick
     turns_as_one: np.ndarray  # () whether blocks whose faces touch turn together: those of several points need not
-    shroud: Any = None  # (3 N, D), see `shroud_map`
-    shroud_mass: Any = None  # (3 N,) of the shrouds of blades by modes [kg, kg m^2]
+    shroud: Any  # (3 N, D), see `shroud_map`
+    shroud_mass: Any  # (3 N,) of the shrouds, or of lumped blades that stand for blades by modes [kg, kg m^2]
 
     def directions(self, contact: NaturalContact) -> FloatArray:
         """The directions in which the blocks can move in one state of contact, as columns."""
@@ -103,7 +103,7 @@ def linear_contact(scene: Scene) -> LinearContact:
         stuck=over_coordinates(over_coordinates(stuck, shroud).T, shroud).T,
         turns_as_one=np.array(meets_at_corners(scene)),
         shroud=shroud,
-        shroud_mass=None if shroud is None else jnp.concatenate(_shroud_masses(scene)),
+        shroud_mass=jnp.concatenate([mass for mass, _, _ in scene.resting_blades.oscillators.values()]),
     )
 
 
@@ -126,10 +126,6 @@ def _stiffnesses_of_contact(scene: Scene) -> Any:
         return -resting_contact_of(touching, q, modes, case, None).load_q
 
     return jax.vmap(stiffness)(jnp.array([PRESSED, Mode.STICK], jnp.int32))
-
-
-def _shroud_masses(scene: Scene) -> list[Any]:
-    return [m for m, _, _ in scene.resting_blades.oscillators.values()]
 
 
 def _turning_as_one(shroud: FloatArray) -> FloatArray:

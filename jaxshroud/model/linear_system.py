@@ -370,7 +370,7 @@ class ReducedSystem(NamedTuple):
 
     def reduced(self, matrix: Any) -> Any:
         """A matrix over the directions; 1 for one that is none."""
-        idle = 1.0 - abs(self.free).max(axis=-2)
+        idle = (abs(self.free).max(axis=-2) == 0).astype(self.free.dtype)
         return self.free.swapaxes(-1, -2) @ matrix @ self.free + idle[..., None] * np.eye(
             idle.shape[-1], dtype=idle.dtype
         )
