@@ -152,7 +152,9 @@ def equilibria_under(springs: Springs, scenes: Scene) -> Equilibrium:
     """`static_equilibria` of few scenes (leading axis) without friction, under the loads on their `springs`."""
     if scenes.parts.contact == "none":
         q = solutions(springs.stiffness, springs.load).reshape(len(springs.load), 3, -1)
-        nothing = RestingContact._make([np.zeros((len(q), 1))] * len(RestingContact._fields))
+        nothing = RestingContact._make([np.zeros((len(q), 1))] * len(RestingContact._fields))._replace(
+            load=0 * springs.load
+        )
         return equilibrium_at(springs, alike_contact(scenes, Mode.APART, 0), nothing, q, np.ones(len(q), bool))
     ends = [_equilibrium(scenes, springs, first) for first in _first_states(scenes)]
     energies = np.array([np.where(np.isnan(end.q[:, 0, 0]), np.inf, end.energy) for end in ends])
