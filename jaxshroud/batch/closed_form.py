@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Int
+from jaxtyping import Array, Float, Int
 
 from jaxshroud.batch.lanes import begin_lanes
 from jaxshroud.batch.limits import check_memory
@@ -25,10 +25,10 @@ from jaxshroud.march.stability import stiffest
 from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, sine_versine, summed
 from jaxshroud.model.contact_law import ContactLoads
 from jaxshroud.model.geometry import gyration
-from jaxshroud.model.linear import free_components, free_motion, free_oscillations, free_propagators, steady_amplitudes
+from jaxshroud.model.linear import free_components, free_motion, free_propagators, steady_amplitudes
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State, prepared_model
-from jaxshroud.model.rhs import Displacements, Means, Moments
+from jaxshroud.model.rhs import Displacements, Means, Moments, position_at
 from jaxshroud.model.row import along_blades, at_interface, state_of_row
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.quantities import DISPLACEMENTS
@@ -48,19 +48,19 @@ class FreeCourse(NamedTuple):
 def free_course(scene: Scene, first: Motion, turns: Scalar, t: Float[Array, " n"]) -> FreeCourse:
     """The course of the free blades at times `t` after the motion `first` at a drive phase [turns]."""
     start = free_components(scene, first, turns)
-    swing = free_oscillations(scene)
-    place, rate = free_propagators(scene, t)
-    q, w = (jnp.einsum("nbik,bik->nbi", a, start) for a in (place, rate))
-    columns = {n: slice(2 * k + 2, 2 * k + 4) for k, n in enumerate(swing.steady)}
 
-    def harmonics(a):
-        return {n: jnp.einsum("nbik,bik->nbi", a[..., own], start[..., own]) for n, own in columns.items()}
+    def course(t: Float[Array, " n"]) -> list[Float[Array, "n 2 3"]]:
+        return [jnp.einsum("nbik,bik->nbi", a, start) for a in free_propagators(scene, t)]
 
-    by_order, rates_by_order = harmonics(place), harmonics(rate)
-    steady, steady_rate = summed(by_order.values()), summed(rates_by_order.values())
-    stiffness = swing.square + swing.damping**2
-    decaying = -2 * swing.damping * (w - steady_rate) - stiffness * (q - steady)
-    return FreeCourse(q, w, decaying - summed(scene.drive.frequency(n) ** 2 * q for n, q in by_order.items()))
+    (q, w), (_, acceleration) = jax.jvp(course, (t,), (jnp.ones_like(t),))
+    return FreeCourse(q, w, acceleration)
+
+
+def _gauss_rule(scene: Scene, nodes: int) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    """The nodes of the Gauss-Legendre rule over a drive period [s], and their weights, whose sum is 1."""
+    place, weights = np.polynomial.legendre.leggauss(nodes)
+    dtype = scene.drive.omega.dtype
+    return jnp.asarray((place + 1) / 2, dtype) * scene.drive.period, jnp.asarray(weights / 2, dtype)
 
 
 def free_extent(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> tuple[Moments, DisplacementRange]:
@@ -72,27 +72,21 @@ def free_extent(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> tuple
         turns: The drive phase there.
         nodes: Of the Gauss-Legendre rule over a period.
     """
-    period, dtype = scene.drive.period, scene.drive.omega.dtype
-    place, weights = np.polynomial.legendre.leggauss(nodes)
-    t = jnp.asarray(np.concatenate([[0.0], (place + 1) / 2, [1.0]]), dtype) * period
-    weights = jnp.asarray(weights / 2, dtype) * period
+    inner, weights = _gauss_rule(scene, nodes)
+    period = scene.drive.period[None]
+    t = jnp.concatenate([0 * period, inner, period])
     q = free_course(scene, first, turns, t).displacement
-    inner = q[1:-1]
-    moments = Moments._make(_in_pairs(jnp.einsum("n,nbi->bi", weights, a)) for a in (inner, inner**2))
-    highest = _at_turn(scene, first, turns, t, q, jnp.argmax(q, axis=0))
-    lowest = _at_turn(scene, first, turns, t, q, jnp.argmin(q, axis=0))
-    highest = jnp.maximum(highest, jnp.max(q, axis=0))
-    lowest = jnp.minimum(lowest, jnp.min(q, axis=0))
+    moments = Moments._make(_in_pairs(jnp.einsum("n,nbi->bi", weights * period, a[1:-1])) for a in (q, q**2))
+    highest = jnp.maximum(_at_turn(scene, first, turns, t, q, jnp.argmax(q, axis=0)), jnp.max(q, axis=0))
+    lowest = jnp.minimum(_at_turn(scene, first, turns, t, q, jnp.argmin(q, axis=0)), jnp.min(q, axis=0))
     return moments, DisplacementRange(_in_pairs(highest), _in_pairs(lowest))
 
 
 def free_means(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> Means:
     """The mean position of the left block over the drive period that begins with the motion `first`."""
-    place, weights = np.polynomial.legendre.leggauss(nodes)
-    dtype = scene.drive.omega.dtype
-    t = jnp.asarray((place + 1) / 2, dtype) * scene.drive.period
+    t, weights = _gauss_rule(scene, nodes)
     x, y, theta = free_course(scene, first, turns, t).displacement[:, 0].T
-    return Means._make(jnp.asarray(weights / 2, dtype) @ a for a in (x, y, *sine_versine(theta)))
+    return jax.tree.map(lambda a: weights @ a, position_at(x, y, theta))
 
 
 def _at_turn(
@@ -134,34 +128,24 @@ def nodes_needed(scenes: Scene) -> int:
     return min(1 << math.ceil(math.log2(MIN_NODES + 8 * cycles)), MAX_NODES)
 
 
-def free_runs(
-    scenes: Scene, states: State, transient: int, kept: int, phase: float, method: Choices, begin: ArrayLike = 0.0
-):
-    """The samples and the final lanes of scenes (leading axis) without contact; see `Runs`.
-
-    Args:
-        scenes: The scenes.
-        states: The states in which they start.
-        transient: Drive periods before the kept ones.
-        kept: Drive periods kept.
-        phase: The drive phase at which samples are taken [rad].
-        method: Sets the precision and the fields of the result only.
-        begin: The drive phase at which the lanes start [rad], one for all or (lanes,).
-    """
+def closed_form_runs(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: np.ndarray) -> Runs:
+    """The runs of lanes (leading axis) without contact, of which the method sets the precision and the fields only."""
+    method = plan.method
     dtype = scenes.drive.omega.dtype
-    count = len(scenes.drive.omega)
     nodes = nodes_needed(scenes)
-    check_memory("the closed form of this run", count * (kept + LANE_PERIODS) * nodes * NODE_BYTES)
-    turns = jnp.asarray(phase / (2 * math.pi), dtype)
-    begin = jnp.broadcast_to(jnp.asarray(np.asarray(begin) / (2 * math.pi), dtype), count)
+    check_memory("the closed form of this run", len(arrived) * (plan.kept + LANE_PERIODS) * nodes * NODE_BYTES)
+    turns = jnp.asarray(plan.phase / (2 * math.pi), dtype)
+    begin = jnp.where(arrived, turns, jnp.zeros_like(turns))
+    transient = jnp.full_like(turns, plan.transient)
     samples, *end = _closed_form_samples(
-        scenes, states, begin, jnp.full_like(turns, transient), turns, kept, nodes, method.amplitudes, method.vibration
+        scenes, states, begin, transient, turns, plan.kept, nodes, method.amplitudes, method.vibration
     )
 
     def places(lane):
         return [lane.state, lane.status, lane.accumulator.log.times.apart]
 
-    lanes = eqx.tree_at(places, begin_lanes(scenes, states, method), end)
+    last = jax.tree.map(np.asarray, eqx.tree_at(places, begin_lanes(scenes, states, method), end))
+    ticker(len(arrived) * (plan.transient + plan.kept))
     zeros: Any = np.zeros(np.shape(samples.power[0]))
     works = dict.fromkeys(("work", "gross", "dropped", "residual", "viscous"), zeros)
     none = at_interface(zeros)
@@ -170,14 +154,6 @@ def free_runs(
         samples = samples._replace(
             forces=ContactPeaks(none, none), loads=ContactLoads._make([none] * 4), impacts=Impacts._make([none] * 7)
         )
-    return jax.tree.map(np.asarray, (samples, lanes))
-
-
-def closed_form_runs(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: np.ndarray) -> Runs:
-    """The runs of lanes (leading axis) without contact."""
-    begin = np.where(arrived, plan.phase, 0.0)
-    samples, last = free_runs(scenes, states, plan.transient, plan.kept, plan.phase, plan.method, begin)
-    ticker(len(arrived) * (plan.transient + plan.kept))
     log = run_log(last)
     return Runs(sample_of_users(samples), jax.tree.map(np.zeros_like, log), log, last)
 
@@ -323,11 +299,9 @@ def _period_mean_square(scene: Scene, first: Motion, turns: Scalar, nodes: int) 
     Source:
         Eqs. (22), (23), as in `rhs.mean_square`.
     """
-    place, weights = np.polynomial.legendre.leggauss(nodes)
-    dtype = scene.drive.omega.dtype
-    weights = jnp.asarray(weights / 2, dtype)
+    t, weights = _gauss_rule(scene, nodes)
     start = free_components(scene, first, turns, from_static=True)
-    course, _ = free_propagators(scene, jnp.asarray((place + 1) / 2, dtype) * scene.drive.period)
+    course, _ = free_propagators(scene, t)
     form = jnp.einsum("n,nbik,nbil->bikl", weights, course[:, :, :2], course[:, :, :2])
     bending = jnp.einsum("bik,bikl,bil->bi", start[:, :2], form, start[:, :2])
     theta = jnp.einsum("nbk,bk->nb", course[:, :, 2], start[:, 2])

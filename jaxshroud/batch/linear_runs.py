@@ -1,15 +1,13 @@
 """Runs of scenes that are asked to stay in one state of contact: their settled motion in closed form, without steps."""
 
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.periods import Sample
-from jaxshroud.batch.plan import Plan, Runs, Tick, run_log
+from jaxshroud.batch.plan import Plan, RunLog, Runs, Tick
 from jaxshroud.batch.states import states_apart
-from jaxshroud.linear.held_contact import LinearState
 from jaxshroud.linear.linear_motion import LinearMotion
 from jaxshroud.linear.linear_sector import settled_linear_motions
 from jaxshroud.march.accumulator import ContactPeaks, ContactTimes, Counters, DisplacementRange, Impacts, StepExtrema
@@ -21,18 +19,10 @@ from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Means, Moments
 from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import COORDINATES
+from jaxshroud.scene.quantities import Quantity, amplitude_of
 from jaxshroud.scene.scene import Scene
 
-
-class _EndedLog(NamedTuple):
-    v_max: Any
-    counters: Counters
-    within: StepExtrema | None
-
-
-class _Ended(NamedTuple):
-    log: _EndedLog
+STILL = 1e-13  # of the mean square, below which the variance of a blade that stands still is rounding
 
 
 class EndedLane(NamedTuple):
@@ -40,47 +30,45 @@ class EndedLane(NamedTuple):
 
     state: State
     status: Any
-    accumulator: _Ended
 
 
 def settled_runs(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: np.ndarray) -> Runs:
     """The runs of lanes (leading axis) whose contact stays in one state; a settled motion has no start."""
     del states, arrived
-    state = cast(LinearState, scenes.parts.contact)
     motion = settled_linear_motions(scenes)
     status = linear_status(motion)
     ticker(len(status) * (plan.transient + plan.kept))
-    samples = _sample(scenes, motion, state, plan.method)
+    samples = _sample(scenes, motion, plan.method)
     samples = jax.tree.map(lambda a: _repeated(a, status, plan.kept), samples)
-    last = _ended(scenes, samples, motion, status, plan.method)
-    log = run_log(last)
-    return Runs(samples, jax.tree.map(np.zeros_like, log), log, last)
-
-
-def _ended(scenes: Scene, samples: Sample, motion: LinearMotion, status: np.ndarray, method: Choices) -> EndedLane:
-    """The lanes at their end."""
     v_max: Any = np.where(status[:, None] == Status.OK, motion.v_max, np.nan)
-    nothing = jnp.zeros(v_max.shape, jnp.int32)
     unknown: Any = np.full_like(v_max, np.nan)
-    within = StepExtrema(v_max, unknown, unknown, unknown) if method.within else None
-    counts: dict[str, Any] = dict.fromkeys(Counters.__annotations__, nothing)
-    log = _EndedLog(v_max, Counters(**counts), within)
+    within = StepExtrema(v_max, unknown, unknown, unknown) if plan.method.within else None
+    counts: dict[str, Any] = dict.fromkeys(Counters.__annotations__, np.zeros(v_max.shape, np.int32))
+    log = RunLog(v_max, Counters(**counts), within)
     last = jax.tree.map(lambda a: a[:, -1], samples.motion)
-    return EndedLane(states_apart(scenes, last), status, _Ended(log))
+    return Runs(samples, jax.tree.map(np.zeros_like, log), log, EndedLane(states_apart(scenes, last), status))
 
 
-def linear_amplitude_values(scenes: Scene, of: str) -> np.ndarray:
+def linear_amplitude_values(scenes: Scene, of: Quantity) -> np.ndarray:
     """An amplitude, such as "x_peak", of scenes (leading axis), (lanes, blades); NaN where the state is not kept."""
     motion = settled_linear_motions(scenes)
-    name, _, measure = of.partition("_")
-    row = COORDINATES.index(name)
+    return np.where((linear_status(motion) == Status.OK)[:, None], linear_amplitudes(motion, of), np.nan)
+
+
+def linear_amplitudes(motion: LinearMotion, of: Quantity) -> Any:
+    """An amplitude of linear motions, (lanes, blades); that of a blade that stands still has no derivative."""
+    amplitude = amplitude_of(of)
+    assert amplitude is not None  # which `of` is
     mean, square, high, low = (
-        np.asarray(a)[:, row] for a in (motion.first, motion.second, motion.highest, motion.lowest)
+        a[:, amplitude.row] for a in (motion.first, motion.second, motion.highest, motion.lowest)
     )
-    size = mean if measure == "mean" else np.maximum(high - mean, mean - low)
-    if measure == "rms":
-        size = np.sqrt(np.maximum(square - mean**2, 0.0))
-    return np.where((linear_status(motion) == Status.OK)[:, None], size, np.nan)
+    xp = mean.__array_namespace__()
+    if amplitude.measure == "mean":
+        return mean
+    if amplitude.measure == "rms":
+        variance = square - mean**2
+        return xp.sqrt(xp.where(variance > STILL * square, variance, 0.0))
+    return xp.where(high - mean >= mean - low, high - mean, mean - low)
 
 
 def linear_status(motion: LinearMotion) -> np.ndarray:
@@ -98,7 +86,7 @@ def _repeated(a: Any, status: np.ndarray, kept: int) -> np.ndarray:
     return np.repeat(np.where(ok, a, np.nan)[:, None], kept, axis=1)
 
 
-def _sample(scenes: Scene, motion: LinearMotion, state: LinearState, method: Choices) -> Sample:
+def _sample(scenes: Scene, motion: LinearMotion, method: Choices) -> Sample:
     """One period of each lane."""
     period = 2 * np.pi / np.asarray(scenes.drive.omega, float)[:, None]
     counted = scenes.layout.counting
@@ -115,7 +103,9 @@ def _sample(scenes: Scene, motion: LinearMotion, state: LinearState, method: Cho
         Motion._make(np.asarray(part)[:, i] for part in (motion.displacement, motion.speed) for i in range(3)),
         motion.power,
         largest=tuple(np.maximum(np.abs(a), np.abs(b)) for a, b in zip(highest, lowest, strict=True)),
-        times=ContactTimes(whole, still, still) if state == "apart" else ContactTimes(still, whole, still),
+        times=ContactTimes(whole, still, still)
+        if scenes.parts.contact == "apart"
+        else ContactTimes(still, whole, still),
     )
     if method.vibration:
         sample = sample._replace(means=Means._make(np.asarray(a)[:, counted] for a in motion.means))

@@ -92,6 +92,11 @@ def friction_free(scenes: Scene) -> Scene:
     return eqx.tree_at(lambda s: s.friction.mu, scenes, 0.0 * scenes.friction.mu)
 
 
+def rubs(scenes: Scene) -> Any:
+    """Whether there is friction, at each interface of scenes."""
+    return (scenes.friction.mu > 0) & (scenes.friction.k_d > 0) & (scenes.parts.friction != "none")
+
+
 def static_equilibria(scenes: Scene) -> Equilibrium:
     """The static equilibrium of least energy of each scene (leading axis), and how many are found.
 
@@ -146,7 +151,11 @@ def _under_mean_loads(scenes: Scene) -> Equilibrium:
 def equilibria_under(springs: Springs, scenes: Scene) -> Equilibrium:
     """`static_equilibria` of few scenes (leading axis) without friction, under the loads on their `springs`."""
     if scenes.parts.contact == "none":
-        return _without_contact(springs)
+        q = solutions(springs.stiffness, springs.load).reshape(len(springs.load), 3, -1)
+        nothing = RestingContact._make([np.zeros((len(q), 1))] * len(RestingContact._fields))._replace(
+            load=0 * springs.load
+        )
+        return equilibrium_at(springs, alike_contact(scenes, Mode.APART, 0), nothing, q, np.ones(len(q), bool))
     ends = [_equilibrium(scenes, springs, first) for first in _first_states(scenes)]
     energies = np.array([np.where(np.isnan(end.q[:, 0, 0]), np.inf, end.energy) for end in ends])
     best = np.argmin(energies, axis=0)
@@ -156,29 +165,23 @@ def equilibria_under(springs: Springs, scenes: Scene) -> Equilibrium:
     return least._replace(found=found)
 
 
-def _without_contact(springs: Springs) -> Equilibrium:
-    q = solutions(springs.stiffness, springs.load).reshape(len(springs.load), 3, -1)
-    lanes = len(q)
-    none = np.zeros((len(q), 0, 1))
-    contact = ContactState(none.astype(np.int32), none[..., 0].astype(np.int32), none)
-    energy = -np.sum(springs.load * q.reshape(lanes, -1), axis=1) / 2
-    nothing = RestingContact._make([np.zeros((lanes, 0))] * len(RestingContact._fields))
-    return Equilibrium(q, np.ones(lanes, int), contact, nothing, energy, np.zeros(lanes))
-
-
 def _first_states(scenes: Scene) -> list[ContactState]:
     """The states of contact from which equilibria are sought: one for all interfaces."""
-    lanes = len(scenes.drive.omega)
-    layout = scenes.layout
-    points = max(scenes.points, 1)
-    turns = "theta" in scenes.parts.motion and not scenes.points
-    shape = lanes, layout.interfaces
-    apart = ContactState(
-        np.full((*shape, points), Mode.APART, np.int32), np.zeros(shape, np.int32), np.zeros((*shape, points))
-    )
-    pressed = np.full_like(apart.mode, PRESSED)
-    cases = (FLAT, 2, 4) if turns else (4,)
-    return [apart, *(apart._replace(mode=pressed, case=np.full(shape, case, np.int32)) for case in cases)]
+    cases = (FLAT, 2, 4) if meets_at_corners(scenes) else (4,)
+    return [alike_contact(scenes, Mode.APART, 0), *(alike_contact(scenes, PRESSED, case) for case in cases)]
+
+
+def meets_at_corners(scenes: Scene) -> bool:
+    """Whether blocks turn, and faces meet at corners or flat on each other."""
+    return "theta" in scenes.parts.motion and not scenes.points
+
+
+def alike_contact(scenes: Scene, mode: Any, case: int) -> ContactState:
+    """The state of contact of scenes (leading axis) with one case, and one mode or that of each interface."""
+    shape = len(scenes.drive.omega), scenes.layout.interfaces
+    of_points = *shape, max(scenes.points, 1)
+    modes = np.broadcast_to(np.reshape(mode, (-1, 1)), of_points).astype(np.int32)
+    return ContactState(modes, np.full(shape, case, np.int32), np.zeros(of_points))
 
 
 def _different(ends: FloatArray) -> np.ndarray:

@@ -1,26 +1,34 @@
 """The static position of blades whose contact is asked to stay in one state, and that state at every interface."""
 
+from dataclasses import replace
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
+import equinox as eqx
+import jax
 import numpy as np
 
 from jaxshroud.linear.equilibrium import (
     PRESSED,
-    ContactState,
+    alike_contact,
     friction_free,
     held_directions,
     least_energy_equilibria,
+    meets_at_corners,
     of_alike_at_rest,
     position_in,
     springs_of,
 )
 from jaxshroud.linear.load_path import loaded_equilibria
 from jaxshroud.model.modes import FLAT, Mode
-from jaxshroud.scene.other_parts import with_parts
-from jaxshroud.scene.scene import Scene, without_given
+from jaxshroud.scene.scene import Contact, Scene, without_given
+from jaxshroud.scene.speed import ORDER
+from jaxshroud.scene.typed import FloatArray
 
 LinearState = Literal["apart", "stuck"]
+POINTS_OF_RANGE = 65  # speeds at which it is looked whether faces are pressed together
+SLOWEST = 1e-9  # of the end of a range: no speed is less
+SHARP = 4 * float(np.finfo(float).eps)  # of a speed at which faces open
 
 
 class HeldContact(NamedTuple):
@@ -35,8 +43,13 @@ class HeldContact(NamedTuple):
 
 
 def sprung(scenes: Scene) -> Scene:
-    """Scenes whose contact is asked to stay in one state, with contact that begins and ends."""
-    return with_parts(scenes, scenes.parts._replace(contact="spring")) if is_linear(scenes) else scenes
+    """Scenes with contact by springs that begins and ends, whatever their law, and without misprints of forces."""
+    c = scenes.contact
+    reading = c.reading & {"corner_angles"}
+    if scenes.parts.contact == "spring" and reading == c.reading:
+        return scenes
+    contact = Contact(c.k, c.gamma, reading, points=c.points)
+    return replace(scenes, contact=contact, parts=scenes.parts._replace(contact="spring"), laws=None)
 
 
 def is_linear(scenes: Scene) -> bool:
@@ -78,32 +91,69 @@ def _least(of_points: np.ndarray) -> np.ndarray:
 
 def _contact_held_in(scenes: Scene, state: LinearState) -> HeldContact:
     springs = springs_of(scenes)
-    layout = scenes.layout
-    shape = len(scenes.drive.omega), layout.interfaces
-    apart = ContactState(
-        np.zeros((*shape, max(scenes.points, 1)), np.int32),
-        np.zeros(shape, np.int32),
-        np.zeros((*shape, max(scenes.points, 1))),
-    )
-    if state == "apart":
-        q, at = position_in(scenes, springs, apart, np.zeros((shape[0], 3, layout.blades)))
-        return HeldContact(
-            q=q,
-            mode=apart.mode,
-            case=apart.case,
-            u_s=apart.u_s,
-            rigid=held_directions(springs, apart),
-            at_rest=_least(-at.open_v),
-        )
-    case = np.full(shape, 4, np.int32)
-    q = np.zeros((shape[0], 3, layout.blades))
-    if "theta" in scenes.parts.motion and not scenes.points:  # at which corners the faces touch, or whether flat
+    apart = state == "apart"
+    contact = alike_contact(scenes, Mode.APART, 0) if apart else alike_contact(scenes, PRESSED, 4)
+    q = np.zeros((len(springs.load), 3, springs.blades))
+    if not apart and meets_at_corners(scenes):  # at which corners the faces touch, or whether flat
         rest = least_energy_equilibria(scenes)
         lost = np.any(np.isnan(rest.q), axis=(1, 2))
         is_open = np.equal(rest.contact.mode, Mode.APART).any(axis=-1) | lost[:, None]
-        case = np.where(is_open, FLAT, rest.contact.case).astype(np.int32)
+        contact = contact._replace(case=np.where(is_open, FLAT, rest.contact.case).astype(np.int32))
         q = np.where(lost[:, None, None], 0.0, rest.q)
-    contact = ContactState(np.full_like(apart.mode, PRESSED), case, apart.u_s)
     q, at = position_in(scenes, springs, contact, q)
-    stuck = np.full_like(contact.mode, Mode.STICK)
-    return HeldContact(q, stuck, case, at.u, held_directions(springs, contact), _least(at.N))
+    return HeldContact(
+        q=q,
+        mode=contact.mode if apart else np.full_like(contact.mode, Mode.STICK),
+        case=contact.case,
+        u_s=contact.u_s if apart else at.u,
+        rigid=held_directions(springs, contact),
+        at_rest=_least(-at.open_v if apart else at.N),
+    )
+
+
+def pressed_speeds(scene: Scene, ends: tuple[float, float]) -> list[tuple[float, float]]:
+    """The ranges of speeds [rad/s] within `ends` in which all faces are pressed together at rest."""
+    from scipy.optimize import root_scalar
+
+    start, stop = ends
+    order = abs(float(scene.given[ORDER]))
+
+    def least(speeds: FloatArray) -> FloatArray:
+        """The least normal force at speeds [N]; nothing is asked at speed 0 itself, where a flow has no frequency."""
+        scenes = jax.tree.map(lambda a: np.broadcast_to(a, (len(speeds), *np.shape(a))), without_given(scene))
+        omega = order * np.maximum(speeds, SLOWEST * stop)
+        found = held_contact(eqx.tree_at(lambda s: s.drive.omega, scenes, omega), "stuck").at_rest
+        return np.nan_to_num(found, nan=-1.0)
+
+    speeds = np.linspace(start, stop, POINTS_OF_RANGE)
+    pressed = least(speeds) > 0
+    changes = [
+        root_scalar(lambda v: least(np.array([v]))[0], bracket=speeds[i : i + 2], xtol=SHARP * stop, rtol=SHARP).root
+        for i in np.flatnonzero(pressed[1:] != pressed[:-1])
+    ]
+    edges = [*([start] if pressed[0] else []), *changes, *([stop] if pressed[-1] else [])]
+    return list(zip(edges[::2], edges[1::2], strict=True))
+
+
+def displaced_by_interference(scenes: Scene, gaps: FloatArray) -> FloatArray:
+    """The displacement of each block where interference presses the faces of one lane together, at rest, (blades,) [m].
+
+    The faces slide freely, and lumped blades do not turn.
+
+    Args:
+        scenes: The lane.
+        gaps: The gap at each interface without contact, (interfaces,); faces are together where it is negative.
+    """
+    if np.all(gaps >= 0):
+        return np.zeros(scenes.layout.blades)
+    scenes = friction_free(sprung(scenes))
+    springs = springs_of(scenes)
+    if scenes.mode_numbers is None:
+        springs = springs._replace(moves=springs.moves & (np.arange(len(springs.moves)) < 2 * springs.blades))
+
+    def displacements(mode: Any) -> FloatArray:
+        contact = alike_contact(scenes, mode, 1)
+        return position_in(scenes, springs, contact, np.zeros((1, 3, springs.blades)))[0][0]
+
+    x, y, _ = displacements(np.where(gaps < 0, PRESSED, Mode.APART)) - displacements(Mode.APART)
+    return np.hypot(x, y)

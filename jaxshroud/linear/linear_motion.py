@@ -13,10 +13,16 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxshroud.cache.programs import kept
-from jaxshroud.linear.equilibrium import in_pieces
+from jaxshroud.linear.equilibrium import in_pieces, rubs
 from jaxshroud.linear.held_contact import HeldContact, held_contact, sprung
-from jaxshroud.linear.linear_swing import HeldRest, SwingWaves, steady_swing_tangents, steady_swings
+from jaxshroud.linear.linear_swing import (
+    HeldRest,
+    SwingWaves,
+    of_lanes,
+    steady_swing_tangents,
+    steady_swings,
+    tangents_of_lanes,
+)
 from jaxshroud.model.arithmetic import sine_versine
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import static_position
@@ -25,6 +31,7 @@ from jaxshroud.model.modes import Mode
 from jaxshroud.model.rhs import blade_mean_square, position_at
 from jaxshroud.model.steady_numbers import SteadyNumbers, least_value, negative, steady_course, steady_extremes
 from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.quantities import Power
 from jaxshroud.scene.scene import Scene, without_given
 
 SAMPLES = 128  # of the period of the highest harmonic
@@ -76,30 +83,17 @@ def linear_motions(scenes: Scene, held: HeldContact) -> LinearMotion:
 
 
 def _motions(scenes: Scene, held: HeldContact) -> LinearMotion:
-    return _courses(scenes, held, *steady_swings(scenes, held))
+    return of_lanes(_course, scenes, held, steady_swings(scenes, held))
 
 
 def _motion_tangents(scenes: Scene, held: HeldContact, along: Scene) -> tuple[LinearMotion, LinearMotion]:
-    return _course_tangents(scenes, held, along, *steady_swing_tangents(scenes, held, along))
+    swings, swings_by = steady_swing_tangents(scenes, held, along)
+    return tangents_of_lanes(_course, scenes, held, swings, along, swings_by)
 
 
-@kept()
-def _courses(scenes: Scene, held: HeldContact, rest: HeldRest, waves: SwingWaves) -> LinearMotion:
-    return jax.vmap(_course)(scenes, held, rest, waves)
-
-
-@kept()
-def _course_tangents(
-    scenes: Scene, held: HeldContact, along: Scene, swings: Any, swings_by: Any
-) -> tuple[LinearMotion, LinearMotion]:
-    def one(scene, held, along, swings, swings_by):
-        return jax.jvp(lambda scene, swings: _course(scene, held, *swings), (scene, swings), (along, swings_by))
-
-    return jax.vmap(one)(scenes, held, along, swings, swings_by)
-
-
-def _course(scene: Scene, held: HeldContact, rest: HeldRest, waves: SwingWaves) -> LinearMotion:
+def _course(scene: Scene, held: HeldContact, swings: tuple[HeldRest, SwingWaves]) -> LinearMotion:
     """The motion of one scene in its state of contact; differentiable by the numbers of the scene and of its swing."""
+    rest, waves = swings
     blades = scene.layout.blades
     blocks = ReducedSystem(held.rigid)
     swing = SteadyNumbers(rest.q, {n: blocks.expanded(a) for n, a in waves.items()})
@@ -151,9 +145,9 @@ def _contact_course(scene: Scene, held: HeldContact, at: HeldRest, swing: Steady
 
     N, F, opening = at_points(at.N, at.N_q), at_points(at.F, at.F_q), at_points(at.open_v, at.open_v_q)
     apart = held.mode == Mode.APART
-    mu = jnp.broadcast_to(jnp.atleast_1d(scene.friction.mu), held.case.shape)[:, None]
-    k_d = jnp.broadcast_to(jnp.atleast_1d(scene.friction.k_d), held.case.shape)[:, None]
-    rubs = (mu > 0) & (k_d > 0) & (scene.parts.friction != "none")
+    mu, can_slip = (
+        jnp.broadcast_to(jnp.atleast_1d(a), held.case.shape)[:, None] for a in (scene.friction.mu, rubs(scene))
+    )
 
     def times_mu(a):
         return lax.complex(mu * a.real, mu * a.imag)
@@ -165,10 +159,10 @@ def _contact_course(scene: Scene, held: HeldContact, at: HeldRest, swing: Steady
 
     both_ways = least_value(limit(1), count), least_value(limit(-1), count)
     slip = jnp.minimum(*both_ways)
-    other = jnp.min(jnp.where(apart | ~rubs, jnp.inf, (both_ways[0] + both_ways[1]) / 2), axis=-1)
+    other = jnp.min(jnp.where(apart | ~can_slip, jnp.inf, (both_ways[0] + both_ways[1]) / 2), axis=-1)
     margins = Margins(
         jnp.min(jnp.where(apart, jnp.inf, least_value(N, count)), axis=-1),
-        jnp.min(jnp.where(apart | ~rubs, jnp.inf, slip), axis=-1),
+        jnp.min(jnp.where(apart | ~can_slip, jnp.inf, slip), axis=-1),
         jnp.min(jnp.where(apart.all(axis=-1)[:, None], least_value(negative(opening), count), jnp.inf), axis=-1),
     )
 
@@ -190,6 +184,10 @@ class LinearFlow(NamedTuple):
     power: Any  # (lanes, blades)
     means: Any  # `Means`, (lanes, blades that count)
     moments: tuple[Any, Any]  # means of x, y and theta and of their squares, (lanes, blades) each
+
+    def squares(self, of: Power) -> Any:
+        """What a power depends on: the mean squares, of the vibration alone with the means."""
+        return (self.power, np.stack(self.means, axis=1)) if of == "P_d_vibration" else self.power
 
 
 def linear_flow(motion: LinearMotion, scenes: Scene) -> LinearFlow:

@@ -51,7 +51,8 @@ def steady_swings(scenes: Scene, held: HeldContact) -> tuple[HeldRest, SwingWave
         (K - n^2 omega^2 M + i n omega C) A_n = Q_n, where K is the stiffness of the blades and the derivative of the
         forces of contact at the static equilibrium, over the directions in which the blocks can move.
     """
-    rest, driven = _about_rest(scenes, held, solutions(*_balance(scenes, held)))
+    step = solutions(*of_lanes(_balance, scenes, held, ()))
+    rest, driven = of_lanes(_about_rest, scenes, held, step)
     return rest, {n: solutions(*one) for n, one in driven.items()}
 
 
@@ -59,8 +60,8 @@ def steady_swing_tangents(
     scenes: Scene, held: HeldContact, along: Scene
 ) -> tuple[tuple[HeldRest, SwingWaves], tuple[HeldRest, SwingWaves]]:
     """The same, and the derivatives along directions of the scenes."""
-    step = _solution_and_tangent(*_balance_tangents(scenes, held, along))
-    (rest, driven), (rest_by, driven_by) = _about_rest_tangents(scenes, held, along, *step)
+    step, step_by = _solution_and_tangent(*tangents_of_lanes(_balance, scenes, held, (), along, ()))
+    (rest, driven), (rest_by, driven_by) = tangents_of_lanes(_about_rest, scenes, held, step, along, step_by)
     both = {n: _solution_and_tangent(driven[n], driven_by[n]) for n in driven}
     return (rest, {n: value for n, (value, _) in both.items()}), (rest_by, {n: by for n, (_, by) in both.items()})
 
@@ -73,34 +74,25 @@ def _solution_and_tangent(equations: Equations, by: Equations) -> tuple[np.ndarr
     return value, solutions(equations.matrix, right)
 
 
-@kept()
-def _balance(scenes: Scene, held: HeldContact) -> Equations:
-    return jax.vmap(_balance_of)(scenes, held)
+@kept("f")
+def of_lanes(f: Any, scenes: Scene, held: HeldContact, given: Any) -> Any:
+    """`f` of each scene (leading axis) in its state of contact, and of the numbers that are `given` for it."""
+    return jax.vmap(f)(scenes, held, given)
 
 
-@kept()
-def _balance_tangents(scenes: Scene, held: HeldContact, along: Scene) -> tuple[Equations, Equations]:
-    def one(scene, held, along):
-        return jax.jvp(lambda scene: _balance_of(scene, held), (scene,), (along,))
+@kept("f")
+def tangents_of_lanes(f: Any, scenes: Scene, held: HeldContact, given: Any, along: Scene, given_by: Any) -> Any:
+    """The same, and its derivatives along directions of the scenes, with those of the numbers that are given."""
 
-    return jax.vmap(one)(scenes, held, along)
+    def one(scene, held, given, along, given_by):
+        return jax.jvp(lambda scene, given: f(scene, held, given), (scene, given), (along, given_by))
 
-
-@kept()
-def _about_rest(scenes: Scene, held: HeldContact, step: Any) -> tuple[HeldRest, dict[int, Equations]]:
-    return jax.vmap(_about_rest_of)(scenes, held, step)
+    return jax.vmap(one)(scenes, held, given, along, given_by)
 
 
-@kept()
-def _about_rest_tangents(scenes: Scene, held: HeldContact, along: Scene, step: Any, step_by: Any) -> Any:
-    def one(scene, held, along, step, step_by):
-        return jax.jvp(lambda scene, step: _about_rest_of(scene, held, step), (scene, step), (along, step_by))
-
-    return jax.vmap(one)(scenes, held, along, step, step_by)
-
-
-def _balance_of(scene: Scene, held: HeldContact) -> Equations:
+def _balance(scene: Scene, held: HeldContact, nothing: tuple[()]) -> Equations:
     """What the static position leaves unbalanced, and the stiffness: a step of 0 to rounding, with its derivatives."""
+    del nothing
     blocks = ReducedSystem(lax.stop_gradient(held.rigid))
     stiffness = free_system(scene).stiffness
     q = lax.stop_gradient(held.q)
@@ -113,22 +105,16 @@ def _balance_of(scene: Scene, held: HeldContact) -> Equations:
     return Equations(blocks.reduced(stiffness - rest.load_q), blocks.over(unbalanced))
 
 
-def _about_rest_of(scene: Scene, held: HeldContact, step: Any) -> tuple[HeldRest, dict[int, Equations]]:
+def _about_rest(scene: Scene, held: HeldContact, step: Any) -> tuple[HeldRest, dict[int, Equations]]:
     """The static position, and the equations of the harmonics of the motion about it."""
     blocks = ReducedSystem(lax.stop_gradient(held.rigid))
     free = free_system(scene)
     q = lax.stop_gradient(held.q).ravel() + blocks.expanded(step)
     sliders = held.u_s if scene.start == "from rest" else None
     at = resting_contact_of(scene, q.reshape(held.q.shape), held.mode, held.case, sliders)
-    matrices = LinearSystem(
-        mass=blocks.diagonal(free.mass),
-        damping=blocks.over(blocks.free.T @ free.damping),
-        stiffness=blocks.reduced(free.stiffness - at.load_q),
-    )
+    matrices = blocks.system(free._replace(stiffness=free.stiffness - at.load_q))
     driven = {}
     for n, load in drive_loads(scene).items():
-        omega = scene.drive.frequency(n)
-        dynamic = lax.complex(matrices.stiffness - omega**2 * jnp.diag(matrices.mass), omega * matrices.damping)
-        driven[n] = Equations(dynamic, lax.complex(blocks.over(load.real), blocks.over(load.imag)))
+        driven[n] = Equations(matrices.dynamic(scene.drive.frequency(n)), blocks.over(load))
     numbers = {name: getattr(at, name) for name in HeldRest._fields if hasattr(at, name)}
     return HeldRest(q=q, matrices=matrices, **numbers), driven

@@ -26,9 +26,11 @@ from jaxshroud.linear.equilibrium import (
     equilibrium_at,
     friction_free,
     in_pieces,
+    meets_at_corners,
     of_alike_at_rest,
     passed_on,
     position_in,
+    rubs,
     springs_of,
     static_equilibria,
     unbalanced,
@@ -106,13 +108,12 @@ def _loaded_piece(scenes: Scene) -> Equilibrium:
 def _unloaded_state(unloaded: Equilibrium, scenes: Scene) -> ContactState:
     """The state of contact without loads: what is pressed sticks, where there is friction."""
     k = jax.tree.map(jnp.asarray, scenes).k
-    rubs = (k * scenes.friction.k_d * scenes.friction.mu > 0) & (scenes.parts.friction != "none")
-    pressed = np.where(rubs.reshape(len(rubs), -1, 1), Mode.STICK, Mode.SLIP_PLUS)
+    sticks = rubs(scenes) & np.asarray(k > 0)
+    pressed = np.where(sticks.reshape(len(sticks), -1, 1), Mode.STICK, Mode.SLIP_PLUS)
     at, mode = unloaded.contact, unloaded.contact.mode
     mode = np.where(np.equal(mode, Mode.APART), mode, pressed).astype(np.int32)
     fixed = 0 if scenes.points else 1  # without corners all cases are alike; marches have these
-    turns = "theta" in scenes.parts.motion and not scenes.points
-    return at._replace(mode=mode, case=at.case if turns else np.full_like(at.case, fixed))
+    return at._replace(mode=mode, case=at.case if meets_at_corners(scenes) else np.full_like(at.case, fixed))
 
 
 def _lane(tree, i: int):

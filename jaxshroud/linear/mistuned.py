@@ -10,11 +10,10 @@ from jaxshroud.cache.programs import kept
 from jaxshroud.linear.natural_modes import (
     LinearContact,
     NaturalContact,
-    contact_stiffness,
     drive_loads,
     linear_contact,
 )
-from jaxshroud.model.linear_system import solutions
+from jaxshroud.model.linear_system import ReducedSystem, solutions
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.modes import ModalBlades
 from jaxshroud.scene.scene import Scene
@@ -42,7 +41,7 @@ def linear_systems(scenes: Scene, contact: NaturalContact, coordinate: int) -> M
         coordinate: The displacements that are requested: x, y or theta, 0 to 2.
 
     Source:
-        Eq. (1) with the stiffness K of the blades, of their coupling, and of `contact_stiffness`. Preload, offsets of
+        Eq. (1) with the stiffness K of the blades, of their coupling, and of `linear_contact`. Preload, offsets of
         sliders and mean displacements are not in it. Mistuning does not change how stiffnesses grow with the speed.
     """
 
@@ -58,10 +57,11 @@ def linear_systems(scenes: Scene, contact: NaturalContact, coordinate: int) -> M
             own = jnp.concatenate([b.k_x, b.k_y, b.k_T])
         free = jnp.asarray(system.directions(contact), dtype)
         each = jnp.tile(jnp.eye(blades, dtype=dtype), (len(own) // blades, 1))
+        mass, damping, stiffness = ReducedSystem(free).system(system.system_in(contact))
         return MistunedSystem(
-            stiffness=free.T @ (contact_stiffness(system, contact) + system.free.stiffness) @ free,
-            damping=free.T @ system.free.damping @ free,
-            mass=system.free.mass @ free**2,  # no coordinate is in two directions
+            stiffness=stiffness,
+            damping=damping,
+            mass=mass,
             mistuned=(free**2).T @ (own[:, None] * each),
             omega=scene.drive.omega,
             loads={n: load @ free.astype(load.dtype) for n, load in drive_loads(scene).items()},
@@ -109,7 +109,7 @@ def linear_waves(system: MistunedSystem, mistuning: np.ndarray) -> dict[int, np.
 
     They are (K - n^2 omega^2 M + i n omega C)^-1 Q. Leading axes of the systems and of the patterns broadcast.
     """
-    return {n: _of_blades(system, _answer(system, mistuning, n)) for n in system.loads}
+    return {n: (system.coordinate @ _answer(system, mistuning, n)[..., None])[..., 0] for n in system.loads}
 
 
 def wave_slopes(system: MistunedSystem, mistuning: np.ndarray, blade: int) -> dict[int, np.ndarray]:
@@ -139,7 +139,3 @@ def _answer(system: MistunedSystem, mistuning: np.ndarray, order: int) -> np.nda
     """The complex amplitudes along the directions."""
     matrix = _dynamic_stiffness(system, mistuning, order)
     return solutions(matrix, np.broadcast_to(system.loads[order], matrix.shape[:-1]))
-
-
-def _of_blades(system: MistunedSystem, answer: np.ndarray) -> np.ndarray:
-    return (system.coordinate @ answer[..., None])[..., 0]

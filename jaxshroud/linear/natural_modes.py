@@ -14,33 +14,33 @@ An engine order e meets a natural frequency where omega = e Omega, so that Omega
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.activity import counted
-from jaxshroud.model.geometry import corners
+from jaxshroud.linear.equilibrium import PRESSED, friction_free, meets_at_corners
+from jaxshroud.linear.held_contact import sprung
+from jaxshroud.linear.resting_contact import resting_contact_of
 from jaxshroud.model.linear_system import (
     LinearSystem,
-    contact_gradients,
+    ReducedSystem,
     coordinates_that_move,
     directions,
     free_system,
     loads_on_coordinates,
-    over_blades,
     over_coordinates,
     shroud_map,
-    solutions,
-    spring_stiffness,
 )
-from jaxshroud.scene.scene import Scene
+from jaxshroud.model.modes import Mode
+from jaxshroud.scene.scene import Scene, Shroud
 from jaxshroud.scene.typed import FloatArray
 
 # How the blocks touch: not at all; face on face with the normal spring alone, or with both; corner at corner with both.
 NaturalContact = Literal["apart", "sliding", "stuck", "corner"]
 TINY = float(np.finfo(float).tiny)  # a square that rounding made negative, or a drive without force
 UPPER_CORNERS = 1  # the case whose corners are looked at
-POINTS_OF_RANGE = 65  # speeds at which it is looked whether faces are pressed together
-HALVINGS = 60
 
 
 class LinearContact(NamedTuple):
@@ -51,13 +51,11 @@ class LinearContact(NamedTuple):
 
     free: LinearSystem  # without contact
     moves: np.ndarray  # (D,) whether the model has that coordinate
-    v_q: Any  # (E, D) gradient of the penetration of the upper corners of each interface, or of each of its points
-    u_q: Any  # (E, D) gradient of their slide
-    k: Any  # (E,) normal spring [N/m]
-    k_d: Any  # (E,) tangential spring [N/m]
+    sliding: Any  # (D, D) what contact without friction adds to the stiffness
+    stuck: Any  # (D, D) what it adds where the faces stick
     turns_as_one: np.ndarray  # () whether blocks whose faces touch turn together: those of several points need not
-    shroud: Any = None  # (3 N, D), see `shroud_map`
-    shroud_mass: Any = None  # (3 N,) of the shrouds of blades by modes [kg, kg m^2]
+    shroud: Any  # (3 N, D), see `shroud_map`
+    shroud_mass: Any  # (3 N,) of the shrouds, or of lumped blades that stand for blades by modes [kg, kg m^2]
 
     def directions(self, contact: NaturalContact) -> FloatArray:
         """The directions in which the blocks can move in one state of contact, as columns."""
@@ -66,6 +64,17 @@ class LinearContact(NamedTuple):
             return free_directions(self.moves, as_one)
         own = np.eye(len(self.moves))[:, self.moves]
         return own @ _turning_as_one(np.asarray(self.shroud) @ own) if as_one else own
+
+    def system_in(self, contact: NaturalContact) -> LinearSystem:
+        """The blades in one state of contact.
+
+        Faces that stay on each other turn all blocks by one angle; where they have several points, each has its share
+        of the springs, which resist a turn against each other.
+        """
+        if contact == "apart":
+            return self.free
+        of_contact = self.sliding if contact == "sliding" else self.stuck
+        return self.free._replace(stiffness=self.free.stiffness + of_contact)
 
     def shroud_motion(self, shape: Any) -> Any:
         """The displacements (..., 3 N) of the shrouds from those of the coordinates."""
@@ -85,36 +94,38 @@ def linear_contact(scene: Scene) -> LinearContact:
 
     Contact is where the upper corners meet without a gap, or at all points of the faces.
     """
-    free = free_system(scene)
-    points = scene.contact.points
-    layout = scene.layout
     shroud = shroud_map(scene)
-    block = corners(scene.shroud, scene.contact.reading, points)._replace(gap=jnp.zeros_like(scene.shroud.alpha))
-
-    def of_each(k):
-        return jnp.atleast_1d(k) if points is None else jnp.outer(jnp.atleast_1d(k), points.shares).ravel()
-
-    def at_interfaces(gradient):
-        of_points = jnp.atleast_2d(gradient)
-        of_each = jnp.broadcast_to(of_points, (layout.interfaces, *of_points.shape))
-        return over_coordinates(over_blades(of_each, layout).reshape(-1, 3 * layout.blades), shroud)
-
-    v_q, u_q = map(at_interfaces, contact_gradients(UPPER_CORNERS, block, jnp.zeros(6, free.mass.dtype)))
+    sliding, stuck = _stiffnesses_of_contact(scene)
     return LinearContact(
-        free=free,
+        free=free_system(scene),
         moves=coordinates_that_move(scene),
-        v_q=v_q,
-        u_q=u_q,
-        k=of_each(scene.k),
-        k_d=of_each(scene.friction.k_d),
-        turns_as_one=np.array(points is None and "theta" in scene.parts.motion),
+        sliding=over_coordinates(over_coordinates(sliding, shroud).T, shroud).T,
+        stuck=over_coordinates(over_coordinates(stuck, shroud).T, shroud).T,
+        turns_as_one=np.array(meets_at_corners(scene)),
         shroud=shroud,
-        shroud_mass=None if shroud is None else jnp.concatenate(_shroud_masses(scene)),
+        shroud_mass=jnp.concatenate([mass for mass, _, _ in scene.resting_blades.oscillators.values()]),
     )
 
 
-def _shroud_masses(scene: Scene) -> list[Any]:
-    return [m for m, _, _ in scene.resting_blades.oscillators.values()]
+def _stiffnesses_of_contact(scene: Scene) -> Any:
+    """What contact adds to the stiffness of the shrouds where faces slide, and where they stick, (2, 3 N, 3 N).
+
+    Source:
+        The derivative of the forces of Eq. (1) where faces meet without a force: along x and y k n n' + k_d t t' on the
+        relative displacement, with n = (sin alpha, -cos alpha) and t = (cos alpha, sin alpha).
+    """
+    s = scene.shroud
+    closed = Shroud(s.alpha, s.l_oa, s.l_ab, 0 * s.gap)
+    touching = eqx.tree_at(lambda scene: scene.shroud, friction_free(sprung(scene)), closed)
+    layout = scene.layout
+    case = jnp.full(layout.interfaces, UPPER_CORNERS, jnp.int32)
+    q = jnp.zeros((3, layout.blades), scene.drive.omega.dtype)
+
+    def stiffness(mode: Any) -> Any:
+        modes = jnp.full((layout.interfaces, max(scene.points, 1)), mode)
+        return -resting_contact_of(touching, q, modes, case, None).load_q
+
+    return jax.vmap(stiffness)(jnp.array([PRESSED, Mode.STICK], jnp.int32))
 
 
 def _turning_as_one(shroud: FloatArray) -> FloatArray:
@@ -134,23 +145,6 @@ def drive_loads(scene: Scene) -> dict[int, Any]:
     return {n: loads_on_coordinates(scene, one) for n, one in scene.drive.harmonics().items() if n > 0}
 
 
-def contact_stiffness(blades: LinearContact, contact: NaturalContact) -> Any:
-    """What one state of contact adds to the stiffness of all blades, (3 N, 3 N).
-
-    Source:
-        With w = v for the normal spring and w = u for the tangential one, contact adds k w_q w_q' to the stiffness of
-        Eq. (1): along x and y that is k n n' + k_d t t' on the relative displacement, with n = (sin alpha, -cos alpha)
-        and t = (cos alpha, sin alpha). Faces that stay on each other turn all blocks by one angle; where they have
-        several points, each has its share of the springs, which resist a turn against each other.
-    """
-    K = 0 * blades.free.stiffness
-    if contact != "apart":
-        K = K + spring_stiffness(blades.k, blades.v_q)
-    if contact in ("stuck", "corner"):
-        K = K + spring_stiffness(blades.k_d, blades.u_q)
-    return K
-
-
 def natural_modes(blades: LinearContact, contact: NaturalContact) -> NaturalModes:
     """The modes of all blades in one state of contact, from arrays of NumPy.
 
@@ -167,9 +161,9 @@ def natural_modes(blades: LinearContact, contact: NaturalContact) -> NaturalMode
 
 def _by_mass(blades: LinearContact, contact: NaturalContact, free: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The roots of the masses along directions, and the symmetric stiffness over these."""
-    root = np.sqrt(free.T**2 @ blades.free.mass)
-    K = blades.free.stiffness + contact_stiffness(blades, contact)
-    return root, free.T @ ((K + K.T) / 2) @ free / np.outer(root, root)
+    mass, _, K = ReducedSystem(free).system(blades.system_in(contact))
+    root = np.sqrt(mass)
+    return root, (K + K.T) / 2 / np.outer(root, root)
 
 
 def free_directions(moves: np.ndarray, as_one: bool) -> FloatArray:
@@ -264,59 +258,3 @@ def _matching(modes: FloatArray, others: FloatArray) -> np.ndarray:
     from scipy.optimize import linear_sum_assignment
 
     return linear_sum_assignment(-((modes.T @ others) ** 2))[1]
-
-
-class Pressing(NamedTuple):
-    """What presses the faces of all blades together at rest, as a linear function of Omega^2."""
-
-    mean: FloatArray  # (3 N,) mean loads [N, N m]
-    gap: FloatArray  # (E,) at rest [m]
-    gap_by_square: FloatArray  # (E,) its growth by Omega^2
-    sine: float  # of the angle of the faces
-
-
-def static_normal_forces(blades: LinearContact, growth: Growth, by: Pressing, square: float) -> FloatArray:
-    """The normal force at each interface (E,) at rest, where all faces are held together; negative: they come apart.
-
-    The faces are on each other and slide freely: where the normal force vanishes so does friction.
-    """
-    free = blades.directions("sliding")
-    wedge = (by.gap + square * by.gap_by_square) * by.sine
-    v_q, k = blades.v_q, blades.k
-    grown = np.diag((square - growth.square) * growth.by_square)
-    stiffness = blades.free.stiffness + grown + spring_stiffness(k, v_q)
-    loads = by.mean * blades.moves + v_q.T @ (k * wedge)
-    q = free @ solutions(free.T @ stiffness @ free, free.T @ loads)
-    return k * (v_q @ q - wedge)
-
-
-def pressed_ranges(
-    blades: LinearContact, growth: Growth, by: Pressing, start: float, stop: float
-) -> list[tuple[float, float]]:
-    """The ranges of speeds [rad/s] in which all faces are pressed together at rest, from `start` to `stop`."""
-
-    def least(speed):
-        return float(np.min(static_normal_forces(blades, growth, by, speed**2)))
-
-    speeds = np.linspace(start, stop, POINTS_OF_RANGE)
-    pressed = np.zeros(POINTS_OF_RANGE, bool)
-    with counted("speeds at which faces are pressed", POINTS_OF_RANGE) as count:
-        for i, speed in enumerate(speeds):
-            pressed[i] = least(speed) > 0
-            count(1)
-    changes = np.flatnonzero(pressed[1:] != pressed[:-1])
-    ends = [_change_of_sign(least, float(speeds[i]), float(speeds[i + 1])) for i in changes]
-    ends = [*([start] if pressed[0] else []), *ends, *([stop] if pressed[-1] else [])]
-    return list(zip(ends[::2], ends[1::2], strict=True))
-
-
-def _change_of_sign(f, low: float, high: float) -> float:
-    """Where a function that has different signs at two places passes from one to the other, by bisection."""
-    rises = f(low) <= 0
-    for _ in range(HALVINGS):
-        middle = (low + high) / 2
-        if (f(middle) > 0) == rises:
-            high = middle
-        else:
-            low = middle
-    return (low + high) / 2

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxshroud.model.linear_system import spring_stiffness
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.layout import COORDINATES
 from jaxshroud.scene.typed import FloatArray
@@ -223,8 +224,7 @@ def reduced(
 
 def stuck_frequencies(of: Reduced, stiffness: FloatArray) -> FloatArray:
     """The natural frequencies [rad/s] of the shroud on springs along its coordinates."""
-    own = np.diag(of.omega**2) + of.at_shroud.T * stiffness @ of.at_shroud
-    return np.sqrt(np.linalg.eigvalsh(own))
+    return np.sqrt(np.linalg.eigvalsh(np.diag(of.omega**2) + spring_stiffness(stiffness, of.at_shroud)))
 
 
 def growth_with_speed(

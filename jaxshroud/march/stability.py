@@ -27,6 +27,7 @@ from jaxshroud.model.linear_system import (
     free_system,
     over_coordinates,
     shroud_map,
+    spring_stiffness,
 )
 from jaxshroud.model.prepared import prepared_law
 from jaxshroud.model.row import pair_at
@@ -98,9 +99,8 @@ def _stiffness_of(scene: Scene) -> _Stiffness:
     k, k_d, haste = filled((law.normal_stiffness, law.tangential_stiffness, law.slider_haste), mass[0])
 
     def touching(case: Int[Array, ""]) -> Float[Array, "n n"]:
-        of_shrouds = contact_gradients(case, block, jnp.zeros(6, mass.dtype))
-        v_q, u_q = (over_coordinates(a, shroud) for a in of_shrouds)
-        return engaged + k * jnp.outer(v_q, v_q) + k_d * jnp.outer(u_q, u_q)
+        of_shrouds = jnp.stack(contact_gradients(case, block, jnp.zeros(6, mass.dtype)))
+        return engaged + spring_stiffness(jnp.stack([k, k_d]), over_coordinates(of_shrouds, shroud))
 
     stiffness = jnp.concatenate([jax.vmap(touching)(jnp.array([3, 1], jnp.int32)), engaged[None]])
     damping = jnp.abs(damping).sum(axis=-1) * mobility / 2

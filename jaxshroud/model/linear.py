@@ -6,13 +6,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jaxtyping import Array, Complex, Float
 
 from jaxshroud.model.arithmetic import Scalar, sincos_turns, sine_versine, summed
 from jaxshroud.model.drive import multiple_angle
 from jaxshroud.model.geometry import gyration
-from jaxshroud.model.linear_system import coupled_response
+from jaxshroud.model.linear_system import free_response
+from jaxshroud.model.steady_numbers import SteadyNumbers, steady_course
 from jaxshroud.scene.drive import AnyLoad
 from jaxshroud.scene.fields import PerBlade
 from jaxshroud.scene.keys import Motion
@@ -20,7 +20,6 @@ from jaxshroud.scene.scene import Scene, Shroud
 from jaxshroud.scene.typed import typed
 
 SWING_POINTS = 128  # over a period of the highest harmonic: exact to rounding while torsion is below 50 rad
-RESONANCE_ROUNDINGS = 4  # rounding units between k and m omega^2 that count as none
 
 
 class Amplitudes(NamedTuple):
@@ -77,33 +76,7 @@ def means_from_static(scene: Scene, means: Any) -> Any:
 
 def _response_to(scene: Scene, order: int, load: AnyLoad) -> Amplitudes:
     """The steady response of the free blades to one harmonic."""
-    omega = scene.drive.frequency(order)
-    if scene.is_coupled or scene.mode_numbers is not None:
-        return Amplitudes._make(coupled_response(scene, omega, load))
-    return _steady_response(scene, omega, load)
-
-
-def _steady_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Amplitudes:
-    b, has = scene.mistuned_blades, scene.parts.has
-
-    def moves(name):
-        return has(name, 0) if scene.row is not None else jnp.array([has(name, 0), has(name, 1)])
-
-    def response(name, m, c, k):
-        def kept(load):
-            return jnp.where(moves(name), load, 0.0)
-
-        load = drive.parts(name, kept)
-        force = lax.complex(load.re, load.im)
-        detuning = k - m * omega**2
-        loss = c * omega
-        stiffness = lax.complex(detuning, loss)
-        # driven at its natural frequency, up to the rounding of numbers
-        is_undamped = (loss == 0) & (jnp.abs(detuning) <= RESONANCE_ROUNDINGS * jnp.finfo(omega.dtype).eps * k)
-        unbounded = jnp.where(load.size == 0, 0.0, jnp.inf)
-        return jnp.where(is_undamped, unbounded, force / jnp.where(is_undamped, 1.0, stiffness))
-
-    return Amplitudes(**{name: response(name, *own) for name, own in b.oscillators.items()})
+    return Amplitudes._make(free_response(scene, scene.drive.frequency(order), load))
 
 
 def free_reach(free: dict[int, Amplitudes], name: str) -> Any:
@@ -136,19 +109,11 @@ def free_power(scene: Scene) -> PerBlade:
     s = scene.shroud
     points = SWING_POINTS * (1 if len(free) == 1 else max(free))
     tau = jnp.linspace(0, 2 * jnp.pi, points, endpoint=False, dtype=s.gap.dtype)
-    angle = free_reach(free, "theta")
-    swing = jnp.sin(_free_angles(free, angle, tau) / 2) ** 2
+    unbounded = jnp.isinf(free_reach(free, "theta"))
+    finite = {n: jnp.where(unbounded, 0.0, one.theta) for n, one in free.items()}
+    _, versine = sine_versine(steady_course(SteadyNumbers(0.0, finite), tau[:, None])[0])
     translation = summed((jnp.abs(one.x) ** 2 + jnp.abs(one.y) ** 2) / 2 for one in free.values())
-    return area(s) * (translation + jnp.where(jnp.isinf(angle), jnp.inf, 4 * gyration(s) * jnp.mean(swing, axis=1)))
-
-
-def _free_angles(free: dict[int, Amplitudes], largest: PerBlade, tau: Float[Array, " n"]) -> Float[Array, "blades n"]:
-    """The angles of the free blades over a period, up to a shift of time; 0 where the `largest` is infinite."""
-    is_infinite = jnp.isinf(largest)
-    if len(free) == 1:
-        return jnp.where(is_infinite, 0.0, largest)[:, None] * jnp.sin(tau)[None]
-    finite = {n: jnp.where(is_infinite, 0.0, one.theta)[:, None] for n, one in free.items()}
-    return summed(a.real * jnp.sin(n * tau)[None] + a.imag * jnp.cos(n * tau)[None] for n, a in finite.items())
+    return area(s) * (translation + jnp.where(unbounded, jnp.inf, 2 * gyration(s) * jnp.mean(versine, axis=0)))
 
 
 def free_rms_displacement(scene: Scene) -> Scalar:

@@ -19,8 +19,10 @@ from jaxshroud.model.geometry import Corners, contact_kinematics, face_kinematic
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.drive import AnyLoad, ComplexLoad
 from jaxshroud.scene.layout import COORDINATES, Layout
-from jaxshroud.scene.modes import ModalBlades, ModeNumbers
+from jaxshroud.scene.modes import ModalBlades
 from jaxshroud.scene.scene import Scene
+
+RESONANCE_ROUNDINGS = 4  # rounding units between k and m omega^2 that count as none
 
 
 class LinearSystem(NamedTuple):
@@ -34,19 +36,18 @@ class LinearSystem(NamedTuple):
     damping: Any  # (D, D)
     stiffness: Any  # (D, D)
 
+    def dynamic(self, omega: Any) -> Any:
+        """The load per displacement of one system at a circular frequency, (D, D) complex."""
+        inertia = (self.mass * omega**2)[:, None] * np.eye(len(self.mass), dtype=self.mass.dtype)
+        number = np.result_type(self.mass.dtype, np.complex64)
+        return (self.stiffness - inertia).astype(number) + 1j * (omega * self.damping).astype(number)
+
 
 def free_system(scene: Scene) -> LinearSystem:
     """The blades at the scene's speed with their mistuning, and what couples them beside contact."""
     modes = scene.mode_numbers
     shroud = shroud_map(scene)
-    if modes is None:
-        mass, damping, stiffness = zip(*scene.mistuned_blades.oscillators.values(), strict=True)
-    else:
-        mass = [a * 0 + 1 for a in modes.stiffness]
-        damping = modes.damping
-        stiffness = modes.stiffness
-    xp = stiffness[0].__array_namespace__()
-    mass, damping, stiffness = (xp.concatenate(a, axis=-1) for a in (mass, damping, stiffness))
+    mass, damping, stiffness = _oscillators(scene)
 
     def total(own: Any, kind: str) -> Any:
         diagonal = own[..., None] * np.eye(own.shape[-1], dtype=own.dtype)
@@ -58,6 +59,16 @@ def free_system(scene: Scene) -> LinearSystem:
         return diagonal + (between if shroud is None else shroud.swapaxes(-1, -2) @ between @ shroud)
 
     return LinearSystem(mass, total(damping, "c"), total(stiffness, "k"))
+
+
+def _oscillators(scene: Scene) -> Any:
+    """The mass, damping and stiffness of each coordinate by itself, (..., D) each."""
+    modes = scene.mode_numbers
+    if modes is None:
+        numbers = zip(*scene.mistuned_blades.oscillators.values(), strict=True)
+    else:
+        numbers = [a * 0 + 1 for a in modes.stiffness], modes.damping, modes.stiffness
+    return tuple(a[0].__array_namespace__().concatenate(a, axis=-1) for a in numbers)
 
 
 def moving_shapes(scene: Scene) -> Any:
@@ -208,7 +219,7 @@ def moving_coordinates(scene: Scene) -> np.ndarray:
 
 def complex_loads(scene: Scene, drive: AnyLoad) -> Complex[Array, "coordinates"]:
     """The complex amplitudes (3 N,) of the loads of one harmonic on the coordinates that move, as in Eq. (1)."""
-    re, im, _ = (jnp.concatenate(part) for part in zip(*map(drive.parts, COORDINATES), strict=True))
+    re, im = (jnp.concatenate(part) for part in zip(*map(drive.parts, COORDINATES), strict=True))
     moves = moving_coordinates(scene)
     return lax.complex(jnp.where(moves, re, 0.0), jnp.where(moves, im, 0.0))
 
@@ -218,9 +229,8 @@ def loads_on_coordinates(scene: Scene, drive: AnyLoad) -> Complex[Array, "coordi
     on_shroud = over_coordinates(complex_loads(scene, drive), shroud_map(scene))
     if not isinstance(drive, ComplexLoad) or not drive.modal:
         return on_shroud
-    re, im, _ = (
-        jnp.concatenate(part) for part in zip(*(drive.parts(f"Q{j}") for j in range(scene.coordinates)), strict=True)
-    )
+    names = [f"Q{j}" for j in range(scene.coordinates)]
+    re, im = (jnp.concatenate(part) for part in zip(*map(drive.parts, names), strict=True))
     return on_shroud + lax.complex(re, im)
 
 
@@ -233,55 +243,52 @@ def mean_loads(scene: Scene) -> Any:
     return xp.where(moving_coordinates(scene), xp.concatenate(parts, axis=-1), 0.0)
 
 
-def coupled_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Complex[Array, "3 blades"]:
-    """The complex amplitudes of x, y and theta of coupled blades or blades by modes under one harmonic.
+def free_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Complex[Array, "3 blades"]:
+    """The complex amplitudes of x, y and theta of blades that do not touch, under one harmonic.
 
-    They are infinite or not a number where an undamped row is driven at a natural frequency.
+    They are infinite at an undamped natural frequency, or not a number where blades are coupled.
 
     Source:
         [K - omega^2 M + i omega C]^-1 F, with the coupling in K and C: of a tuned ring under a travelling wave of nodal
         diameter h that is [D_h - omega^2 M + i omega C]^-1 F with
         D_h = K + 4 sin^2(pi h / N) K_c + L0 + L1 exp(i 2 pi h / N) + L_1 exp(-i 2 pi h / N).
     """
-    load = loads_on_coordinates(scene, drive)
-    modes = scene.mode_numbers
-    if modes is None:
-        return _of_lumped_blades(scene, omega, load)
-    q = _of_modes(modes, scene, omega, load)
-    return jnp.einsum("amn,mn->an", moving_shapes(scene).astype(q.dtype), q)
+    q = _coordinates_under(scene, omega, drive)
+    return q if scene.mode_numbers is None else jnp.einsum("amn,mn->an", moving_shapes(scene).astype(q.dtype), q)
 
 
 def stress_response(scene: Scene, omega: Scalar, drive: AnyLoad) -> Complex[Array, " blades"]:
-    """The complex amplitude of the stress of blades by modes under one harmonic, as `coupled_response` [Pa]."""
+    """The complex amplitude of the stress of blades by modes under one harmonic, as `free_response` [Pa]."""
     modes = scene.mode_numbers
     assert modes is not None
-    q = _of_modes(modes, scene, omega, loads_on_coordinates(scene, drive))
+    q = _coordinates_under(scene, omega, drive)
     return jnp.sum(jnp.stack(modes.sigma).astype(q.dtype) * q, axis=0)
 
 
-def _of_lumped_blades(scene: Scene, omega: Scalar, load: Any) -> Any:
-    """Coordinate by coordinate, as lumped blades have them apart."""
-    mass, damping, stiffness = free_system(scene)
-    count = scene.layout.blades
+def _coordinates_under(scene: Scene, omega: Scalar, drive: AnyLoad) -> Complex[Array, "coordinates blades"]:
+    """The complex amplitudes of the coordinates of each blade under one harmonic."""
+    load = loads_on_coordinates(scene, drive)
+    modes = scene.mode_numbers
+    if not scene.is_coupled and not (modes is not None and modes.kappa):
+        q = _apart(omega, load, *_oscillators(scene))
+        return q.reshape(-1, scene.layout.blades)
+    dynamic = free_system(scene).dynamic(omega)
+    if modes is not None:
+        return solved(dynamic, load).reshape(-1, scene.layout.blades)
     moves = moving_coordinates(scene)
-    dynamic = lax.complex(stiffness - jnp.diag(mass * omega**2), damping * omega)
     held = jnp.where(moves[:, None] & moves, dynamic, np.eye(len(moves), dtype=dynamic.dtype))
-    alone = [slice(i * count, (i + 1) * count) for i in range(3)]
-    return jnp.stack([solved(held[own, own], load[own]) for own in alone])
+    alone = np.split(np.arange(len(moves)), 3)  # x, y and theta do not act on each other
+    return jnp.stack([solved(held[np.ix_(own, own)], load[own]) for own in alone])
 
 
-def _of_modes(modes: ModeNumbers, scene: Scene, omega: Scalar, load: Any) -> Any:
-    """The coordinates (n, blades) by the receptances of the modes, or of coupled blades by all of them."""
-    count = scene.layout.blades
-    if scene.is_coupled or modes.kappa:
-        mass, damping, stiffness = free_system(scene)
-        dynamic = lax.complex(stiffness - jnp.diag(mass * omega**2), damping * omega)
-        return solved(dynamic, load).reshape(-1, count)
-    k, c = (jnp.stack(a) for a in (modes.stiffness, modes.damping))
-    of_modes = lax.complex(k - omega**2, c * omega)
-    unbounded = jnp.where(omega == 0, 0.0, jnp.inf).astype(of_modes.dtype)  # a rigid motion has no static place
-    receptance = jnp.where(of_modes == 0, unbounded, 1 / jnp.where(of_modes == 0, 1.0, of_modes))
-    return receptance * load.reshape(-1, count)
+def _apart(omega: Scalar, load: Any, mass: Any, damping: Any, stiffness: Any) -> Any:
+    """The amplitudes of oscillators by themselves; a rigid motion has no static place."""
+    detuning = stiffness - mass * omega**2
+    loss = damping * omega
+    # driven at its natural frequency, up to the rounding of numbers
+    is_undamped = (loss == 0) & (jnp.abs(detuning) <= RESONANCE_ROUNDINGS * jnp.finfo(omega.dtype).eps * stiffness)
+    unbounded = jnp.where((load == 0) | (omega == 0), 0.0, jnp.inf)
+    return jnp.where(is_undamped, unbounded, load / jnp.where(is_undamped, 1.0, lax.complex(detuning, loss)))
 
 
 def solved(matrix: Complex[Array, "n n"], right: Complex[Array, " n"]) -> Complex[Array, " n"]:
@@ -359,14 +366,19 @@ class ReducedSystem(NamedTuple):
 
     def over(self, a: Any) -> Any:
         """Forces (..., 3 N) over the directions."""
-        return (a[..., None, :] @ self.free)[..., 0, :]
+        return (a[..., None, :] @ self.free.astype(a.dtype))[..., 0, :]
 
     def reduced(self, matrix: Any) -> Any:
         """A matrix over the directions; 1 for one that is none."""
-        idle = 1.0 - abs(self.free).max(axis=-2)
+        idle = (abs(self.free).max(axis=-2) == 0).astype(self.free.dtype)
         return self.free.swapaxes(-1, -2) @ matrix @ self.free + idle[..., None] * np.eye(
             idle.shape[-1], dtype=idle.dtype
         )
+
+    def system(self, whole: LinearSystem) -> LinearSystem:
+        """A system over the directions."""
+        damping = self.over(self.free.swapaxes(-1, -2) @ whole.damping)
+        return LinearSystem(self.diagonal(whole.mass), damping, self.reduced(whole.stiffness))
 
     def diagonal(self, numbers: Any) -> Any:
         """A diagonal matrix over the directions, which are orthogonal."""

@@ -1,12 +1,13 @@
 """The exact derivatives of what a linear motion amounts to, by the closed form of the motion."""
 
 from collections.abc import Sequence
-from typing import Any, cast
+from functools import partial
+from typing import cast
 
 import jax
 import numpy as np
 
-from jaxshroud.batch.linear_runs import linear_amplitude_values, linear_status
+from jaxshroud.batch.linear_runs import linear_amplitude_values, linear_amplitudes, linear_status
 from jaxshroud.batch.tangents import direction
 from jaxshroud.batch.xla import one_lane, repeat_lane
 from jaxshroud.linear.held_contact import LinearState, held_contact
@@ -25,7 +26,6 @@ from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.quantities import Power, Quantity, amplitude_of, counted_amplitude, is_reduction
 from jaxshroud.scene.scene import Scene, without_given
 
-STILL = 1e-13  # of the mean square, below which the variance of a blade that stands still is rounding
 LINEAR_FLAG = "linear"  # the motion is in closed form
 
 
@@ -44,18 +44,16 @@ def linear_gradient(scene: Scene, wrt: Sequence[str], of: Quantity, steps: int, 
     flow, flow_by = linear_flow(value, lane), linear_flow(by, lane)
     scenes = repeat_lane(without_given(scene), len(wrt))
     cycle = _as_orbit(scene, value, steps, method)
-    amplitude = amplitude_of(of)
     both = {}
-    if amplitude is None:
+    if amplitude_of(of) is None:
         found = _linear_power_slopes(cast(Power, of), scenes, directions, flow, flow_by)
         if is_reduction(of):
             both = {"P_d": cycle.P_d, "P_d_vibration": cycle.P_d_vibration}
     else:
-        row, counts = amplitude.row, scene.layout.counting
-        levels = _linear_levels(amplitude.measure, value, by, row)
+        levels, slopes = jax.jvp(partial(linear_amplitudes, of=of), (value,), (by,))
+        of_blades = zip(np.asarray(levels)[0], np.asarray(slopes).T, strict=True)
         found = largest_level(
-            [(float(level), slope) for level, slope in zip(levels[0][counts], levels[1][counts], strict=True)],
-            "blades tie",
+            [(float(level), slope) for level, slope in of_blades][scene.layout.counting], "blades tie"
         )
     zeros = np.zeros(len(wrt))
     flags = (*found.flags, LINEAR_FLAG)
@@ -66,9 +64,7 @@ def linear_gradient(scene: Scene, wrt: Sequence[str], of: Quantity, steps: int, 
 
 def _linear_power_slopes(of: Power, scenes: Scene, directions: Scene, flow, flow_by) -> AmplitudeSlope:
     """A power and its derivatives along the directions."""
-    squares, by = flow.power, flow_by.power
-    if of == "P_d_vibration":
-        squares, by = ((one.power, np.stack(one.means, axis=1)) for one in (flow, flow_by))
+    squares, by = flow.squares(of), flow_by.squares(of)
     slope = np.asarray(directional_derivatives(scenes, squares, directions, by, of), float)
     level = np.asarray(quantity_level(of, scenes, squares), float)[0]
     if of == "P_d_worst":
@@ -83,33 +79,11 @@ def linear_levels(orbit: PeriodicOrbit, scenes: Scene, of: Quantity) -> np.ndarr
     if amplitude_of(of) is not None:
         return counted_amplitude(linear_amplitude_values(scenes, of), scenes.layout)
     motion = settled_linear_motions(scenes)
-    flow = linear_flow(motion, scenes)
-    squares: Any = flow.power
-    if of == "P_d_vibration":
-        squares = flow.power, np.stack(flow.means, axis=1)
-    levels = np.asarray(quantity_level(cast(Power, of), without_given(scenes), squares), float)
+    of = cast(Power, of)
+    squares = linear_flow(motion, scenes).squares(of)
+    levels = np.asarray(quantity_level(of, without_given(scenes), squares), float)
     levels = levels.min(axis=-1) if of == "P_d_worst" else levels
     return np.where(linear_status(motion) == Status.OK, levels, np.nan)
-
-
-def _linear_levels(measure: str, value, by, row: int) -> tuple[np.ndarray, np.ndarray]:
-    """The amplitudes of the blades (blades,), and their derivatives (blades, directions)."""
-
-    def number(name):
-        return (np.asarray(getattr(value, name))[0, row], np.asarray(getattr(by, name))[:, row].T)
-
-    (mean, mean_by), (square, square_by) = number("first"), number("second")
-    if measure == "mean":
-        return mean, mean_by
-    if measure == "rms":
-        variance = square - mean**2
-        rms = np.sqrt(np.where(variance > STILL * square, variance, 0.0))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            slope = (square_by - 2 * mean[:, None] * mean_by) / (2 * rms[:, None])
-        return rms, np.where(rms[:, None] > 0, slope, np.nan)  # that of a blade that stands still has a kink
-    (high, high_by), (low, low_by) = number("highest"), number("lowest")
-    upper = high - mean >= mean - low
-    return np.where(upper, high - mean, mean - low), np.where(upper[:, None], high_by - mean_by, mean_by - low_by)
 
 
 def _as_orbit(scene: Scene, value, steps: int, method: Choices) -> PeriodicOrbit:
@@ -125,7 +99,7 @@ def _as_orbit(scene: Scene, value, steps: int, method: Choices) -> PeriodicOrbit
     start = State(
         first, np.zeros(shape), np.full(shape, mode, np.int32), np.zeros(scene.layout.interface_shape, np.int32)
     )
-    squares = np.asarray(value.power)[:1], np.stack([np.asarray(a)[:1, counts] for a in value.means], axis=1)
+    squares = linear_flow(jax.tree.map(lambda a: a[:1], value), lane).squares("P_d_vibration")
     vibration = float(np.asarray(quantity_level("P_d_vibration", lane, squares))[0])
     return PeriodicOrbit(
         scene=scene,

@@ -1,7 +1,7 @@
 """The drive of a scene: its frequency, its force and moment on each blade by harmonics, and their engine order."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -17,24 +17,10 @@ from jaxshroud.scene.valid import check_given, check_numbers
 FIELDS_OF_LOADS = {"x": "F_x", "y": "F_y", "theta": "M_0"}  # of the coordinates
 SINGLE_KEYS = tuple(f"drive.{name}" for name in SINGLE_LOADS)
 
-KeptLoad = Callable[[Any], Any]
 
-
-def _whole_load(load: Any) -> Any:
-    return load
-
-
-class LoadParts(NamedTuple):
-    """The complex amplitude of a load, by NumPy or JAX."""
-
-    re: Any
-    im: Any
-    size: Any  # 0 where there is no load
-
-
-def _parts_of(load: Any, phase: Any) -> LoadParts:
+def _parts_of(load: Any, phase: Any) -> tuple[Any, Any]:
     xp = phase.__array_namespace__()
-    return LoadParts(load * xp.cos(phase), load * xp.sin(phase), load)
+    return load * xp.cos(phase), load * xp.sin(phase)
 
 
 class DriveHarmonic(NamedTuple):
@@ -62,9 +48,9 @@ class DriveHarmonic(NamedTuple):
         """The amplitude of the force along x or y [N], or of the moment on theta [N m]."""
         return getattr(self, FIELDS_OF_LOADS[name])
 
-    def parts(self, name: str, kept: KeptLoad = _whole_load) -> LoadParts:
-        """The complex amplitude of a load, of which `kept` makes what counts."""
-        return _parts_of(kept(self.load(name)), self.phase)
+    def parts(self, name: str) -> tuple[Any, Any]:
+        """The real and the imaginary part of the complex amplitude of a load, by NumPy or JAX."""
+        return _parts_of(self.load(name), self.phase)
 
 
 class ComplexLoad(NamedTuple):
@@ -111,11 +97,11 @@ class ComplexLoad(NamedTuple):
         stem = FIELDS_OF_LOADS[name].removesuffix("_0")
         return getattr(self, f"{stem}_re"), getattr(self, f"{stem}_im")
 
-    def parts(self, name: str, kept: KeptLoad = _whole_load) -> LoadParts:
-        """The complex amplitude of a load, of which `kept` makes what counts."""
-        re, im = map(kept, self.in_phase_and_quadrature(name))
+    def parts(self, name: str) -> tuple[Any, Any]:
+        """The real and the imaginary part of the complex amplitude of a load, by NumPy or JAX."""
+        re, im = self.in_phase_and_quadrature(name)
         s, c = (getattr(self.phase.__array_namespace__(), f)(self.phase) for f in ("sin", "cos"))
-        return LoadParts(re * c - im * s, re * s + im * c, _modulus(re, im))
+        return re * c - im * s, re * s + im * c
 
 
 def _modulus(re: Any, im: Any) -> Any:
@@ -138,9 +124,9 @@ class MeanLoad(NamedTuple):
         """The force along x or y [N], or the moment on theta [N m]."""
         return getattr(self, FIELDS_OF_LOADS[name])
 
-    def parts(self, name: str, kept: KeptLoad = _whole_load) -> LoadParts:
-        """The load as that of a harmonic, of which `kept` makes what counts."""
-        return _parts_of(kept(self.load(name)), self.phase)
+    def parts(self, name: str) -> tuple[Any, Any]:
+        """The load as that of a harmonic."""
+        return _parts_of(self.load(name), self.phase)
 
 
 class Harmonic(eqx.Module):

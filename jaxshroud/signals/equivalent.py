@@ -48,12 +48,6 @@ class LinearBlades(NamedTuple):
     omega: float
     axes: Float[np.ndarray, "2 2"]  # normal and tangent of the faces at rest, as rows
 
-    @property
-    def dynamic_stiffness(self) -> Complex[np.ndarray, "6 6"]:
-        """The load per displacement."""
-        mass, damping, stiffness = self.free
-        return stiffness - np.diag(mass) * self.omega**2 + 1j * self.omega * damping
-
 
 class Equivalent(NamedTuple):
     """The equivalents of contact along the normal and the tangent of the faces; NaN where they are undefined."""
@@ -114,7 +108,7 @@ def _load_of(one: AnyLoad | None) -> ComplexAmplitudes:
     """The complex amplitudes of the load of one harmonic."""
     if one is None:
         return np.zeros(6, complex)
-    return np.concatenate([part.re + 1j * part.im for part in map(one.parts, COORDINATES)])
+    return np.concatenate([re + 1j * im for re, im in map(one.parts, COORDINATES)])
 
 
 class HarmonicMotion(NamedTuple):
@@ -239,7 +233,7 @@ def joined_displacements(blades: LinearBlades, stiffness: np.ndarray) -> Complex
     q = np.zeros(6, complex)
     if not known.any():
         return q + np.nan
-    Z = blades.dynamic_stiffness
+    Z = blades.free.dynamic(blades.omega)
     opposed = np.array([[1, -1], [-1, 1]])
     Z[:IN_PLANE, :IN_PLANE] += np.kron(blades.axes.T @ np.diag(np.where(known, stiffness, 0.0)) @ blades.axes, opposed)
     moves = np.flatnonzero(blades.moves[:IN_PLANE])

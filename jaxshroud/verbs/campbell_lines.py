@@ -5,16 +5,14 @@ from typing import Any, cast
 
 import numpy as np
 
+from jaxshroud.linear.held_contact import pressed_speeds
 from jaxshroud.linear.natural_modes import (
     Growth,
     LinearContact,
     NaturalContact,
-    Pressing,
     order_crossings,
-    pressed_ranges,
     speed_curves,
 )
-from jaxshroud.model.linear_system import over_coordinates
 from jaxshroud.results.data_sheet import NaturalMode, SpeedLines
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.modes import ModalBlades
@@ -49,7 +47,7 @@ def lines_of_speeds(
     blades = system_in_float64(system)
     growth = growth_of(arrays)
     _check_end(arrays, ends[1])
-    pressed = [] if all(mode.contact == "apart" for mode in modes) else pressed_speeds(arrays, system, ends)
+    pressed = [] if all(mode.contact == "apart" for mode in modes) else pressed_speeds(arrays, ends)
     changes = np.array([end for one in pressed for end in one])
     speeds = np.unique(np.concatenate([np.linspace(*ends, SHOWN_SPEEDS), changes, np.nextafter(changes, ends[1])]))
     frequencies, crossings = np.empty((len(modes), len(speeds))), np.empty((len(modes), len(orders)))
@@ -84,26 +82,6 @@ def growth_of(arrays: Scene) -> Growth:
     pairs = ((b.B_x, b.m), (b.B_y, b.inertia_y), (b.B_T, b.I))
     by_square = np.concatenate([np.zeros_like(mass) if B is None else B * mass for B, mass in pairs]).astype(float)
     return Growth(by_square, square)
-
-
-def pressed_speeds(arrays: Scene, system: LinearContact, ends: tuple[float, float]) -> list[tuple[float, float]]:
-    """The ranges of speeds within `ends` in which all faces are pressed together at rest; see `lines_of_speeds`."""
-    blades = system_in_float64(system)
-    growth = growth_of(arrays)
-    s = arrays.shroud
-    mean = arrays.drive.harmonics().get(0)
-    none = np.zeros(3 * arrays.layout.blades)
-    loads = none if mean is None else np.concatenate([mean.F_x, mean.F_y, mean.M_0])
-    loads = over_coordinates(loads, blades.shroud)
-    gap = np.atleast_1d(s.gap).astype(float)
-    slope = (
-        0 * gap
-        if s.gap_at is None or s.gap_at_speed is None
-        else (np.atleast_1d(s.gap_at) - gap) / float(s.gap_at_speed) ** 2
-    )
-    at_points = len(blades.k) // len(gap)  # of each interface
-    by = Pressing(loads, np.repeat(gap, at_points), np.repeat(slope, at_points), float(np.sin(s.alpha)))
-    return pressed_ranges(blades, growth, by, *ends)
 
 
 def _excluded(modes: Sequence[NaturalMode], speeds: FloatArray, pressed: Sequence[tuple[float, float]]) -> Any:

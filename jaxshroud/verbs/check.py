@@ -11,20 +11,22 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
+from jaxshroud.batch.xla import one_lane
 from jaxshroud.cache.programs import kept
+from jaxshroud.linear.held_contact import displaced_by_interference
 from jaxshroud.linear.natural_modes import LinearContact, drive_loads, linear_contact
 from jaxshroud.march.stability import steps_for, stiffest
 from jaxshroud.march.tableau import RK4
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import gyration
-from jaxshroud.model.linear import Amplitudes, steady_amplitudes, waves_of
-from jaxshroud.model.linear_system import flow_matrix, solutions, spring_stiffness
+from jaxshroud.model.linear import steady_amplitudes, waves_of
+from jaxshroud.model.linear_system import flow_matrix
 from jaxshroud.model.steady_numbers import steady_peak
 from jaxshroud.results.data_sheet import Coordinate, DataSheet, FlowMode, NaturalMode, crossings_between
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import COORDINATES
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.speed import engine_order_of
 from jaxshroud.scene.typed import typed
 from jaxshroud.signals.averages import half_diagonal
@@ -86,14 +88,14 @@ def check(
     free, k, gyration_of_block, lever, system, load = jax.tree.map(np.asarray, _free_and_touching(scene))
     b, s = arrays.mistuned_blades, arrays.running_shroud
     k = np.atleast_1d(k)
-    gaps = np.atleast_1d(s.gap) - _closed_by_mean_loads(free.mean, float(s.alpha), np.size(s.gap))
+    gaps = np.atleast_1d(s.gap) - (0.0 if free.closing is None else free.closing / math.sin(s.alpha))
     nearest = int(np.argmax(free.across))
     modes = modes_of(arrays, k, system, load)
     sheet = DataSheet(
         coordinates=_free_coordinates(arrays, free),
         drive=float(arrays.drive.omega) / RAD_PER_CYCLE,
         gap=float(np.min(s.gap)),
-        **({} if free.mean is None else {"static_gaps": _floats(gaps)}),
+        **({} if free.closing is None else {"static_gaps": _floats(gaps)}),
         approach=float(free.across[nearest]) / math.sin(s.alpha),
         corner=_floats(lever * free.peaks["theta"]),
         inertia=_floats(b.I / (b.m * gyration_of_block)),
@@ -104,7 +106,7 @@ def check(
         slide=float(free.along.max()),
         settled=settled_motion(scene) if has_settled_motion(scene) else None,
         modes=modes,
-        pressed=_floats(_displaced_by_interference(system, gaps, float(s.alpha))),
+        pressed=_floats(displaced_by_interference(one_lane(without_given(scene)), gaps)),
         in_phase=float(free.in_phase) if scene.row is None else math.nan,
         **({} if scene.row is None else _at_interfaces(arrays, k, free.across / math.sin(s.alpha), free.along)),
         **({"flow_modes": _modes_in_flow(arrays, system)} if scene.aero.exists and system.shroud is None else {}),
@@ -171,7 +173,7 @@ class FreeMotion(NamedTuple):
     strongest: dict[str, Any]  # (blades,) the largest amplitude of any harmonic of it
     across: Any  # (interfaces,) amplitude of the faces' motion across each other, without rotation [m]
     along: Any  # (interfaces,) of that along each other
-    mean: Amplitudes | None  # displacements under mean loads; None without these
+    closing: Any  # (interfaces,) across each other under mean loads [m]; None without these
     in_phase: Any  # share of the mean square of x and y in which the first two blades move alike; NaN at rest
 
 
@@ -190,17 +192,19 @@ def _free_and_touching(
 
 def _motion_apart(scene: Scene) -> FreeMotion:
     free = steady_amplitudes(scene)
+    alpha, interfaces = scene.shroud.alpha, scene.layout.interfaces
+    mean = free.get(0)
     sines = {n: one for n, one in scene.drive.harmonics().items() if n > 0}
-    loads = {name: {n: lax.complex(*one.parts(name)[:2]) for n, one in sines.items()} for name in COORDINATES}
+    loads = {name: {n: lax.complex(*one.parts(name)) for n, one in sines.items()} for name in COORDINATES}
     shifts = {n: (x, y) for (n, x), y in zip(waves_of(free, "x").items(), waves_of(free, "y").values(), strict=True)}
-    faces = {n: _motion_of_faces(x, y, scene.shroud.alpha, scene.layout.interfaces) for n, (x, y) in shifts.items()}
+    faces = {n: _motion_of_faces(x, y, alpha, interfaces) for n, (x, y) in shifts.items()}
     return FreeMotion(
         peaks={name: steady_peak(waves_of(free, name)) for name in COORDINATES},
         loads={name: steady_peak(load) for name, load in loads.items()},
         strongest={name: jnp.max(jnp.abs(jnp.stack([*load.values()])), axis=0) for name, load in loads.items()},
         across=steady_peak({n: across for n, (across, _) in faces.items()}),
         along=steady_peak({n: along for n, (_, along) in faces.items()}),
-        mean=free.get(0),
+        closing=None if mean is None else _motion_of_faces(mean.x, mean.y, alpha, interfaces)[0].imag,
         in_phase=_share_in_phase([a[:2] for pair in shifts.values() for a in pair]),
     )
 
@@ -222,33 +226,6 @@ def _share_in_phase(waves: Sequence[Any]) -> Scalar:
     """The share of the mean square of complex amplitudes (2,) in which both are one; NaN where all are 0 or inf."""
     parts = jnp.stack([part for wave in waves for part in (wave.real, wave.imag)])
     return jnp.sum(jnp.square(jnp.sum(parts, axis=-1))) / (2 * jnp.sum(jnp.square(parts)))
-
-
-def _closed_by_mean_loads(mean: Amplitudes | None, alpha: float, interfaces: int) -> np.ndarray:
-    """By how much mean loads reduce each gap without contact and rotation [m], (interfaces,)."""
-    if mean is None:
-        return np.zeros(interfaces)
-    x, y = (np.imag(a) - np.roll(np.imag(a), -1) for a in (mean.x, mean.y))
-    return np.asarray(x - y / math.tan(alpha))[:interfaces]
-
-
-def _displaced_by_interference(system: LinearContact, gaps: np.ndarray, alpha: float) -> np.ndarray:
-    """The displacement of each block where interference presses the faces together, at rest, (blades,) [m].
-
-    The faces slide freely, and blocks of lumped blades do not turn.
-    """
-    bends = system.moves
-    if system.shroud is None:
-        bends = bends & (np.arange(len(bends)) < 2 * len(bends) // 3)
-    of_each = len(system.k) // len(gaps)  # one, or as many as a face has points
-    depth = np.repeat(np.maximum(-gaps, 0.0), of_each) * math.sin(alpha)
-    v_q = system.v_q[:, bends]
-    k = np.where(depth > 0, system.k, 0.0)
-    displacement = np.zeros(len(system.moves))
-    stiffness = system.free.stiffness[np.ix_(bends, bends)] + spring_stiffness(k, v_q)
-    displacement[bends] = solutions(stiffness, -v_q.T @ (k * depth))
-    x, y, _ = system.shroud_motion(displacement).reshape(3, -1)
-    return np.hypot(x, y)
 
 
 def _checked_orders(given: Sequence[float | int] | None, own: float | None) -> list[float]:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from jaxshroud.linear.equilibrium import meets_at_corners, rubs
 from jaxshroud.linear.natural_modes import LinearContact, NaturalContact, drive_shares, natural_modes
 from jaxshroud.model.linear_system import LinearSystem, rate_matrix
 from jaxshroud.results.data_sheet import FlowMode, NaturalMode
@@ -65,16 +66,9 @@ def contacts_of(scene: Scene, k: np.ndarray) -> list[NaturalContact]:
     """The states of contact that the model of a scene has."""
     if scene.parts.contact == "none" or not np.any(k):
         return ["apart"]
-    if not _has_friction(scene):
+    if not (np.any(rubs(scene)) if scene.laws is None else scene.laws.has_friction):
         return ["apart", "sliding"]
-    at_corner = "theta" in scene.parts.motion and scene.contact.points is None
-    return ["apart", "sliding", "stuck", *(["corner"] if at_corner else [])]
-
-
-def _has_friction(scene: Scene) -> bool:
-    if scene.laws is not None:
-        return scene.laws.has_friction
-    return scene.parts.friction != "none" and bool(np.any((scene.friction.mu > 0) & (scene.friction.k_d > 0)))
+    return ["apart", "sliding", "stuck", *(["corner"] if meets_at_corners(scene) else [])]
 
 
 def modes_in(
@@ -87,9 +81,8 @@ def modes_in(
     modes = []
     for i, own_shape in enumerate(shape):
         of_shrouds = blades.shroud_motion(own_shape).reshape(3, -1)
-        own = energy[i] if blades.shroud is None else blades.shroud_mass * of_shrouds.ravel() ** 2
-        by_coordinate = own.reshape(3, -1).sum(axis=1)
-        by_coordinate = by_coordinate if blades.shroud is None else by_coordinate / by_coordinate.sum()
+        by_coordinate = (blades.shroud_mass.reshape(3, -1) * of_shrouds**2).sum(axis=1)
+        by_coordinate = by_coordinate / by_coordinate.sum()
         main = int(np.argmax(by_coordinate))
         modes.append(
             NaturalMode(
@@ -128,39 +121,42 @@ def _waves_in_words(shares: FloatArray, displacements: FloatArray, closed: bool)
     return f"{'' if shares_of_waves[h] > 1 - ALIKE else 'about '}nodal diameter {h}"
 
 
+def _merged(modes: list[NaturalMode], common: Callable[[NaturalMode, NaturalMode], str]) -> list[NaturalMode]:
+    """The modes, the lowest first, with one in the place of neighbours for whose blades there is `common` text."""
+    shown: list[NaturalMode] = []
+    for mode in sorted(modes, key=lambda mode: COORDINATES.index(mode.motion)):
+        if shown and (blades := common(shown[-1], mode)):
+            shown[-1] = replace(shown[-1], blades=blades, driven=shown[-1].driven + mode.driven)
+        else:
+            shown.append(mode)
+    return sorted(shown, key=lambda mode: mode.frequency)
+
+
 def _merged_waves(modes: list[NaturalMode], contact: NaturalContact, count: int) -> list[NaturalMode]:
     """The modes of a row, with one for those that differ in nothing but their place around it."""
     del contact
-    shown: list[NaturalMode] = []
-    for motion in COORDINATES:
-        own = [mode for mode in modes if mode.motion == motion]
-        alone = np.array([mode.frequency for mode in own if mode.blades.startswith("blade ")])
-        for mode in own:
-            if mode.blades.startswith("blade ") and np.isclose(alone, mode.frequency, ALIKE, 0).sum() == count:
-                mode = replace(mode, blades="each blade")
-            same = shown and (shown[-1].motion, shown[-1].blades) == (mode.motion, mode.blades)
-            if same and np.isclose(shown[-1].frequency, mode.frequency, ALIKE, 0):
-                shown[-1] = replace(shown[-1], driven=shown[-1].driven + mode.driven)
-            else:
-                shown.append(mode)
-    return sorted(shown, key=lambda mode: mode.frequency)
+
+    def with_each(mode: NaturalMode) -> NaturalMode:
+        alone = [one.frequency for one in modes if one.motion == mode.motion and one.blades.startswith("blade ")]
+        every = mode.blades.startswith("blade ") and np.isclose(alone, mode.frequency, ALIKE, 0).sum() == count
+        return replace(mode, blades="each blade") if every else mode
+
+    def common(before: NaturalMode, mode: NaturalMode) -> str:
+        same = (before.motion, before.blades) == (mode.motion, mode.blades)
+        return mode.blades if same and np.isclose(before.frequency, mode.frequency, ALIKE, 0) else ""
+
+    return _merged([*map(with_each, modes)], common)
 
 
 def _merged_modes(modes: list[NaturalMode], contact: NaturalContact, count: int) -> list[NaturalMode]:
     """The modes of a pair; of free blades that are alike with one for both."""
     del count
-    if contact != "apart":
-        return modes
-    shown = []
-    for motion in COORDINATES:
-        for mode in (mode for mode in modes if mode.motion == motion):
-            before = shown[-1] if shown else mode
-            alike = np.allclose([before.frequency, before.zeta], [mode.frequency, mode.zeta], ALIKE, 0)
-            if before is not mode and alike and {before.blades, mode.blades} != {mode.blades}:
-                shown[-1] = replace(before, blades="either", driven=before.driven + mode.driven)
-            else:
-                shown.append(mode)
-    return sorted(shown, key=lambda mode: mode.frequency)
+
+    def common(before: NaturalMode, mode: NaturalMode) -> str:
+        alike = np.allclose([before.frequency, before.zeta], [mode.frequency, mode.zeta], ALIKE, 0)
+        return "either" if alike and before.blades != mode.blades else ""
+
+    return _merged(modes, common) if contact == "apart" else modes
 
 
 WORDS_OF_PAIRS = ModeWords(_blades_in_words, _merged_modes)

@@ -11,13 +11,11 @@ import numpy as np
 
 from jaxshroud.batch.linear_runs import linear_status
 from jaxshroud.batch.xla import one_lane
-from jaxshroud.cache.programs import kept
-from jaxshroud.linear.equilibrium import Equilibrium, static_equilibria
-from jaxshroud.linear.held_contact import LinearState, held_contact, is_linear, sprung
+from jaxshroud.linear.equilibrium import Equilibrium, rubs, static_equilibria
+from jaxshroud.linear.held_contact import LinearState, held_contact, is_linear, pressed_speeds, sprung
 from jaxshroud.linear.linear_motion import LinearMotion, linear_motions
 from jaxshroud.linear.linear_transient import outlasts_transient
 from jaxshroud.linear.load_path import start_equilibria
-from jaxshroud.linear.natural_modes import LinearContact, linear_contact
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.results.data_sheet import SettledMotion
 from jaxshroud.scene.checks import InputError, word_argument
@@ -31,7 +29,6 @@ from jaxshroud.scene.title import display_value
 from jaxshroud.signals.amplitudes import is_preloaded
 from jaxshroud.verbs.arguments import flatten_lanes, leading_axes
 from jaxshroud.verbs.asked import Asked, MethodArgument
-from jaxshroud.verbs.campbell_lines import pressed_speeds
 
 SPEED = ("drive", "speed")  # whose unit messages have
 DIED_OUT = 1e-3  # of a free vibration
@@ -50,14 +47,21 @@ def settled_motion(scene: Scene) -> SettledMotion:
     """The judgement of a scene."""
     lanes, _ = smallest_ring(jax.tree.map(np.asarray, one_lane(without_given(sprung(scene)))))
     rest = start_equilibria(lanes)
-    is_apart = rest.contact.mode == Mode.APART
     exact = "theta" not in scene.parts.motion
     equilibria = int(rest.found[0])
-    if not equilibria or (is_apart.any() and not is_apart.all()):
+    state = _state_at_rest(rest)
+    if not equilibria or state is None:
         return SettledMotion("", _without_state(scene, equilibria), exact, equilibria)
-    state: LinearState = "apart" if is_apart.all() else "stuck"
     motion = linear_motions(lanes, held_contact(lanes, state))
-    return _judgement(state, motion, rest, exact, _rubs(scene))
+    return _judgement(state, motion, rest, exact, bool(np.any(rubs(scene))))
+
+
+def _state_at_rest(rest: Equilibrium) -> LinearState | None:
+    """The one state of contact at all interfaces of all lanes; None where there are both."""
+    is_apart = rest.contact.mode == Mode.APART
+    if is_apart.all():
+        return "apart"
+    return None if is_apart.any() else "stuck"
 
 
 def _without_state(scene: Scene, equilibria: int) -> str:
@@ -80,10 +84,9 @@ def kept_state(scenes: Scene) -> LinearState | None:
         return None
     lanes, _ = smallest_ring(jax.tree.map(np.asarray, without_given(scenes)))
     rest = static_equilibria(lanes)
-    is_apart = rest.contact.mode == Mode.APART
-    if np.any(rest.found != 1) or (is_apart.any() and not is_apart.all()):
+    state = _state_at_rest(rest)
+    if state is None or np.any(rest.found != 1):
         return None
-    state: LinearState = "apart" if is_apart.all() else "stuck"
     held = held_contact(lanes, state)
     motion = linear_motions(lanes, held)
     keeps = np.all(linear_status(motion) == Status.OK) and outlasts_transient(lanes, held, motion)
@@ -123,15 +126,11 @@ def settling_advice(periods: float, touches: bool, discarded: str = "") -> str:
     return f"{advice}{sooner if touches else ''}"
 
 
-def _rubs(scene: Scene) -> bool:
-    """Whether there is friction at any interface."""
-    numbers = scene.friction.mu, scene.friction.k_d
-    return scene.parts.friction != "none" and bool(np.all([np.any(np.asarray(a) > 0) for a in numbers]))
-
-
-def _judgement(state: LinearState, motion: LinearMotion, rest: Equilibrium, exact: bool, rubs: bool) -> SettledMotion:
+def _judgement(
+    state: LinearState, motion: LinearMotion, rest: Equilibrium, exact: bool, has_friction: bool
+) -> SettledMotion:
     least = {name: float(np.min(a)) for name, a in motion.margins._asdict().items()}
-    name = "in contact" if state == "stuck" and not rubs else state
+    name = "in contact" if state == "stuck" and not has_friction else state
     holds = linear_status(motion)[0] == Status.OK
     reason = ""
     if not holds:
@@ -192,15 +191,10 @@ def _open_text(scenes: Scene, at: int) -> str:
         return reason
     one = jax.tree.map(lambda a: np.asarray(a)[at], scenes)
     fastest = float(np.max(np.asarray(scenes.drive.omega) / np.abs(np.asarray(scenes.given[ORDER]))))
-    pressed = pressed_speeds(one, jax.tree.map(np.asarray, _touching(one)), (0.0, fastest))
+    pressed = pressed_speeds(one, (0.0, fastest))
     if not pressed:
         return f"{reason} at any speed up to {display_value(*SPEED, fastest)}"
     return f"{reason} above {display_value(*SPEED, pressed[-1][1])}"
-
-
-@kept()
-def _touching(scene: Scene) -> LinearContact:
-    return linear_contact(scene)
 
 
 def default_state(scenes: Scene | SceneFile, method: MethodArgument) -> LinearState | None:

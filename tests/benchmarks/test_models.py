@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxshroud import load
-from jaxshroud.batch.closed_form import free_runs
+from jaxshroud.batch.closed_form import closed_form_runs
 from jaxshroud.batch.lanes import begin_lanes
 from jaxshroud.batch.operation_count import size_of_trial
 from jaxshroud.batch.periods import PERIODS_PER_CALL, at_start_of_period, one_call, run_block
@@ -55,7 +55,9 @@ def test_cost_of_models():
         )
         runs[name]()
     free = grid_of_scenes(model_of(table1, {"contact": "none"}), {"contact.gamma": GAMMA})
-    runs["closed form"] = lambda: free_runs(free, initial_states(free), 0, PERIODS, 0.0, FAST)
+    whole_run = Plan(0, PERIODS, STEPS, 0.0, FAST)
+    fresh = np.zeros(len(GAMMA), bool)
+    runs["closed form"] = lambda: closed_form_runs(free, initial_states(free), whole_run, lambda _: None, fresh)
     runs["closed form"]()
     seconds = {name: [] for name in runs}
     for _ in range(REPEATS):

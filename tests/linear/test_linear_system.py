@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -10,8 +11,9 @@ import jaxshroud as js
 from jaxshroud.linear.held_contact import held_contact
 from jaxshroud.linear.linear_motion import linear_motions
 from jaxshroud.linear.linear_transient import linear_multipliers
-from jaxshroud.linear.natural_modes import contact_stiffness, linear_contact
+from jaxshroud.linear.natural_modes import linear_contact
 from jaxshroud.model.linear_system import directions, free_system
+from jaxshroud.model.modes import FLAT
 from jaxshroud.scene.scene import without_given
 
 ANSWERS = Path(__file__).with_name("linear_answers.npz")  # of commit 9430e4ff, whose solvers were others
@@ -41,7 +43,7 @@ def test_the_stiffness_between_blades_is_that_by_hand(settings, between):
 @pytest.mark.parametrize(("name", "places"), [("table1", [1]), ("table1_points", [1, -1])], ids=["corner", "points"])
 def test_the_stiffness_of_contact_is_that_by_hand(name, places):
     scene = js.load(name, ["friction.k_d=1e6"]).scene
-    found = contact_stiffness(linear_contact(scene), "corner") / float(scene.k)
+    found = linear_contact(scene).stuck / float(scene.k)
 
     def by_hand(places, turn=1.0):
         K = np.zeros((6, 6))
@@ -56,6 +58,13 @@ def test_the_stiffness_of_contact_is_that_by_hand(name, places):
         assert np.abs(found - wrong).max() > 1e-3
 
 
+def test_nothing_sticks_without_a_friction_element():
+    rubs, plain = (linear_contact(js.load("table1", [f"parts.friction={name}"]).scene) for name in ("bilinear", "none"))
+    np.testing.assert_array_equal(plain.stuck, plain.sliding)
+    np.testing.assert_array_equal(plain.sliding, rubs.sliding)
+    assert np.abs(rubs.stuck - rubs.sliding).max() > 1e5  # the control: k_d
+
+
 def test_flat_faces_turn_as_one():
     moves = np.ones(9, bool)
     one, none = directions(moves, np.array([[True, True], [False, False]]), closed=False)
@@ -64,6 +73,38 @@ def test_flat_faces_turn_as_one():
     np.testing.assert_array_equal(none, np.eye(9))  # the control: no constraint
     moves[-1] = False  # a rigid neighbour holds what lies flat on it
     assert not directions(moves, np.array([[True, True]]), closed=False)[0, 6:].any()
+
+
+def test_multipliers_of_flat_faces_are_those_of_five_coordinates():
+    # Of x and y of both blocks and the one angle of them all, by the energy of the springs of parallel faces.
+    settings = ["shroud.gap=-0.4 mm", "initial.start=static", "drive.M_0=0.001", "drive.F_0=0.5"]
+    scene = js.load("table1", settings).scene
+    lane = jax.tree.map(lambda a: np.asarray(a)[None], without_given(scene))
+    held = held_contact(lane, "stuck")
+    assert held.case == FLAT
+    q = np.array([*held.q[0, 0], *held.q[0, 1], held.q[0, 2, 0]])
+
+    def stretches(q):
+        x, y, turn = q[0] - q[1] + 4e-4, q[2] - q[3], q[4]
+        x, y = x + L_OA * (jnp.cos(turn) - 1), y - L_OA * jnp.sin(turn)
+        angle = np.pi / 3 - turn
+        return x * jnp.sin(angle) - y * jnp.cos(angle), x * jnp.cos(angle) + y * jnp.sin(angle)
+
+    def energy(q):
+        v, u = stretches(q)
+        return (2.5 * K_X * v**2 + 1e6 * (u - u_s) ** 2) / 2
+
+    u_s = stretches(q)[1]
+    mass = np.array([0.08] * 4 + [2 * 2.46e-3])
+    own = np.array([K_X, K_X, K_Y, K_Y, 2 * K_T])
+    np.testing.assert_allclose(jax.grad(energy)(q), -own * q, rtol=0, atol=1e-11 * np.abs(own * q).max())
+    K = np.diag(own) + jax.hessian(energy)(q)
+    C = np.diag([3.57, 3.57, 19.6, 19.6, 2 * 0.506])
+    rates = np.block([[np.zeros((5, 5)), np.eye(5)], [-K / mass[:, None], -C / mass]])
+    by_hand = np.exp(2 * np.pi / 536.0 * np.linalg.eigvals(rates))
+    found = linear_multipliers(lane, held)[0]
+    found = found[np.abs(found) > 0]  # the angle between the blocks has none
+    np.testing.assert_allclose(np.sort_complex(found), np.sort_complex(by_hand), rtol=0, atol=1e-9)
 
 
 PLAIN, TURNS = ['parts.motion=["x","y"]', "drive.M_0=0"], ["drive.M_0=0.01"]

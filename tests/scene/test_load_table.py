@@ -68,7 +68,7 @@ def test_a_scene_with_a_table_is_driven_by_it(tmp_path):
         loads = sum(
             np.sin(n * float(scene.drive.omega) * t) * re + np.cos(n * float(scene.drive.omega) * t) * im
             for n, one in scene.drive.harmonics().items()
-            for re, im in [[float(a[blade]) for a in one.parts("x")[:2]]]
+            for re, im in [[float(a[blade]) for a in one.parts("x")]]
         )
         wanted = force(degrees + np.degrees(phase), {n: PARTS[n] for n in (1, 2)})
         np.testing.assert_allclose(loads, wanted, rtol=0, atol=1e-12 * 25)

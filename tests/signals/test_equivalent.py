@@ -79,7 +79,7 @@ def test_blades_joined_by_the_equivalents_move_as_the_first_harmonic(sampled):
     dynamic = contact.stiffness + 1j * blades.omega * contact.damping
     mass, damping, stiffness = blades.free
     gained = mass * motion.acceleration + damping @ motion.rate + stiffness @ motion.q
-    drive = np.where(blades.moves, blades.drive + blades.dynamic_stiffness @ motion.q - gained, 0.0)
+    drive = np.where(blades.moves, blades.drive + blades.free.dynamic(blades.omega) @ motion.q - gained, 0.0)
     joined = joined_displacements(blades._replace(drive=drive), dynamic)
     size = np.abs(motion.q).max()
     # Both blocks feel opposite forces to the order of the samples, 1e-7 of the drive.
