@@ -101,6 +101,7 @@ COMMANDS = {
             "--out",
             "--dpi",
         ),
+        arguments=(*("transient", "phase", "period_tol", "ledger", "lyapunov", "forces", "amplitudes", "confirm"),),
         module="sweep",
     ),
     "explore": Command(

@@ -240,11 +240,10 @@ def resolve_options(
     file = scene if isinstance(scene, SceneFile) else None
     run = None if file is None else file.sweep_run if of_sweep else file.run
     scenes = scene.scene if isinstance(scene, SceneFile) else scene
-    asked = _asked(method)
+    asked = asked_by(method, run)
     if run is not None:
         n_periods = run.periods if n_periods is None else n_periods
         transient = run.transient if transient is None else transient
-        asked = _with_file(asked, run, scenes)
     n_periods = N_PERIODS if n_periods is None else n_periods
     transient = DEFAULT_TRANSIENT if transient is None else transient
     count_argument("n_periods", n_periods, 1)
@@ -261,22 +260,20 @@ def _is_examined(scene: Scene) -> bool:
     return law.is_examined and law.has_events
 
 
-def _asked(method: MethodArgument) -> Asked:
-    """How to march, from the argument `method`."""
-    if method is None:
-        return Asked()
+def asked_by(method: MethodArgument, run: RunTable | None = None) -> Asked:
+    """How to march as the argument `method` asks, else the [run] of a scene file."""
     if isinstance(method, Asked):
-        return method
-    return Asked(method=method, steps=method.steps) if isinstance(method, Method) else Asked(_given_level(method))
-
-
-def _with_file(asked: Asked, run: RunTable, scenes: Scene) -> Asked:
-    """The same, with the [run] of a scene file where the argument does not say it."""
-    if asked.accuracy is not None or asked.steps is not None or asked.plan is not None:
+        asked = method
+    elif isinstance(method, Method):
+        asked = Asked(method=method, steps=method.steps)
+    else:
+        asked = Asked(None if method is None else _given_level(method))
+    if run is None or asked.accuracy is not None or asked.steps is not None or asked.plan is not None:
         return asked
-    chooses = asked.method is None and run.accuracy is not None and _is_examined(scenes)
-    level = accuracy_level(run.accuracy) if chooses else None
-    return asked._replace(steps=run.steps_per_period, accuracy=level, by_argument=False)
+    if asked.method is None:
+        level = None if run.accuracy is None else accuracy_level(run.accuracy)
+        asked = asked._replace(accuracy=level, by_argument=False)
+    return asked._replace(steps=run.steps_per_period)
 
 
 def _given_level(accuracy: str | float) -> float:

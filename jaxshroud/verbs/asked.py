@@ -1,6 +1,7 @@
 """How to march: what is asked (a method, or an accuracy and the settings that it stands for), and what runs."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ from jaxshroud.march.method import FLAT_RETURN, Choices, Method, StepCount, meth
 from jaxshroud.march.method_names import Locate
 from jaxshroud.march.tableau import MIN_STEPS, TaylorOptions, tableau
 from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.scene import Scene
 
 LEVELS = tuple(10.0**-n for n in range(2, 11))
 NAMED = {"fast": 1e-3, "balanced": 1e-6, "reference": 1e-10}
@@ -92,6 +94,16 @@ def by_series(order: int, tolerance: float, product: float = 1.0) -> Setting:
     return Setting("taylor", "series", "float64", product, order=order, tolerance=tolerance)
 
 
+class SettingTrial(NamedTuple):
+    """What a trial of a setting has shown."""
+
+    scenes: Scene  # (lanes,)
+    ends: Callable[..., Any]  # by which they were marched
+    errors: np.ndarray  # (lanes,); NaN where a lane stops
+    own_work: int  # trial steps by the setting
+    work: int  # with those by the finer one
+
+
 @dataclass(frozen=True)
 class Choice:
     """A setting chosen for an accuracy."""
@@ -103,6 +115,7 @@ class Choice:
     reached: float = np.nan  # error that 95 % of the probed lanes keep, by comparison with a finer march
     why: str = ""  # it is not tried
     curtailed: bool = False  # not promised, and no finer setting was tried, as that would have taken too long
+    trial: SettingTrial | None = field(default=None, compare=False, repr=False)  # by which it was chosen
 
     @property
     def method(self) -> Choices:
@@ -171,6 +184,7 @@ class Asked(NamedTuple):
     steps: StepCount | None = None  # of the method or of the scene file
     plan: MarchPlan | None = None
     by_argument: bool = True  # rather than by a scene file
+    told: Callable[[Scene, MarchPlan], None] | None = None  # what a command says of scenes (leading axis) and what runs
 
     @property
     def says_nothing(self) -> bool:

@@ -19,7 +19,6 @@ from jaxshroud.model.prepared import State
 from jaxshroud.orbits.batched_algorithms import run_alone
 from jaxshroud.orbits.lyapunov import ALIGNED, NearbyGrowth, lyapunov_exponents, nearby_growth
 from jaxshroud.orbits.shooting import CLOSING_TOLERANCE, ShootingOptions
-from jaxshroud.orbits.short_runs import end_states
 from jaxshroud.orbits.verdict import VERDICT_ROUNDS, Verdict, verdict_text, verdicts
 from jaxshroud.orbits.verdict_evidence import Stretches
 from jaxshroud.results.diagnosis import Diagnosis
@@ -271,8 +270,7 @@ def motion_of_pair(
     shooting = ShootingOptions(march.steps, CLOSING_TOLERANCE[march.method.precision], march.method)
     ticker = Ticker(resolved.transient + (2**VERDICT_ROUNDS - 1) * Stretches().all, progress)
     (verdict,) = verdicts(one_lane(precise), one_lane(initial), resolved.transient, shooting, tick=ticker)
-    ends = partial(end_states, ledger=True, vibration=True)  # by the programs of the verdict
-    missed = None if march.tried is None else missed_lanes(resolved.lanes, march.tried, ends, progress)
+    missed = None if march.tried is None else missed_lanes(resolved.lanes, march.tried, progress)
     stopped = verdict.kind == "stopped"
     shown = MIN_STORED_ORBITS * verdict.q if verdict.q else APERIODIC_PERIODS
     settled = {} if stopped else _settled_evidence(scene, precise, verdict, march)

@@ -176,20 +176,6 @@ def _mistuned_row(scene: Scene | SceneFile, along: Mapping[str, Any] | None, of:
     return MistunedRow(whole_ring(tuned), key, values, of, tuned if asks_for_sector(tuned) else None)
 
 
-def pattern_rows(
-    scene: Scene | SceneFile,
-    along: Mapping[str, Any],
-    of: str,
-    designs: Sequence[str],
-    sigmas: Sequence[float],
-    n_patterns: int,
-    seed: int,
-) -> tuple[MistunedRow, Scene]:
-    """The row of `mistune`, and scenes with each of its patterns (leading axis), from its arguments."""
-    row = _mistuned_row(scene, along, of)
-    return row, with_patterns(row.scene, _patterns_of(row, designs, sigmas, n_patterns, seed))
-
-
 def _check_driven(row: MistunedRow) -> None:
     """Raise an InputError for a row that nothing drives, whatever the value."""
     numbered = with_numbers(row.scene, [row.along])

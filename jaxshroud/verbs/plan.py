@@ -2,12 +2,10 @@
 
 import warnings
 from functools import partial
-from typing import TypedDict, Unpack
 
 import numpy as np
 
 from jaxshroud.batch.marches import march_of, require_march
-from jaxshroud.batch.plan import Progress
 from jaxshroud.io.lane_status import AccuracyWarning
 from jaxshroud.linear.held_contact import is_linear
 from jaxshroud.march.method import FAST, Choices, Method, choices, method_of
@@ -42,36 +40,40 @@ def warn_missed(missed: np.ndarray, choice: Choice, dropped: np.ndarray | None =
         warnings.warn(text + dropped_text, AccuracyWarning, stacklevel=4)
 
 
-class Trials(TypedDict, total=False):
-    """How methods are tried for an accuracy."""
-
-    periods: float | None
-    """Of the run of each lane; by default those of the arguments."""
-    ends: EndStates
-    """How lanes are marched to try a method; by default by the programs of `run_lanes`."""
-    progress: Progress | None
-    """Called with (lane-periods done, in all) of each trial."""
-
-
-def plan_march(resolved: ResolvedOptions, lanes: Scene, usual: Choices, **trials: Unpack[Trials]) -> MarchPlan:
+def plan_march(
+    resolved: ResolvedOptions,
+    lanes: Scene,
+    usual: Choices,
+    *,
+    periods: float | None = None,
+    ends: EndStates | None = None,
+) -> MarchPlan:
     """The plan by which lanes (leading axis) are marched, from the arguments of `choose_method`.
 
     Raises:
         InputError: See `choose_method`.
         ValueError: The march would be unstable, or JAX has no float64.
     """
-    method, choice = choose_method(resolved, lanes, usual, **trials)
-    known = resolved.asked.plan
-    if known is None and choice is not None:
-        return MarchPlan(choice.steps, method, choice)
-    # the method was not chosen for these lanes: is it stable here?
-    lanes = in_precision(without_given(lanes), method.precision)
-    steps = steps_for(lanes, 1, resolved.asked.given_steps, march_of(lanes).stepping(method))
-    return MarchPlan(steps, method, choice, lanes.parts.contact if is_linear(lanes) else "")
+    method, choice = choose_method(resolved, lanes, usual, periods=periods, ends=ends)
+    asked = resolved.asked
+    if asked.plan is None and choice is not None:
+        march = MarchPlan(choice.steps, method, choice)
+    else:  # the method was not chosen for these lanes: is it stable here?
+        precise = in_precision(without_given(lanes), method.precision)
+        steps = steps_for(precise, 1, asked.given_steps, march_of(precise).stepping(method))
+        march = MarchPlan(steps, method, choice, lanes.parts.contact if is_linear(lanes) else "")
+    if asked.told is not None:
+        asked.told(lanes, march)
+    return march
 
 
 def choose_method(
-    resolved: ResolvedOptions, lanes: Scene, usual: Choices, **trials: Unpack[Trials]
+    resolved: ResolvedOptions,
+    lanes: Scene,
+    usual: Choices,
+    *,
+    periods: float | None = None,
+    ends: EndStates | None = None,
 ) -> tuple[Choices, Choice | None]:
     """The method by which lanes (leading axis) are marched, and the choice for an accuracy that it comes from, if any.
 
@@ -79,7 +81,8 @@ def choose_method(
         resolved: The resolved arguments.
         lanes: The scenes.
         usual: The method where only steps are given, with or without a ledger, and for P_d or not.
-        trials: See `Trials`.
+        periods: Of the run of each lane; by default those of the arguments.
+        ends: How lanes are marched to try a method; by default by the programs of `run_lanes`.
 
     Raises:
         InputError: An accuracy is requested for smooth contact or for own laws, or power series for what they lack.
@@ -89,25 +92,22 @@ def choose_method(
     if is_linear(lanes):
         return usual, None
     _refuse_accuracy(asked, law)
+    choice = None
     if asked.plan is not None:
-        method, choice = asked.plan.method, asked.plan.choice
+        method = asked.plan.method
+        choice = asked.plan.choice
     elif asked.method is not None:
         method = choices(asked.method)
-        choice = None
     elif resolved.accuracy is None:
         method = usual
-        choice = None
     else:
-        ends = trials.get("ends") or partial(end_states, ledger=usual.ledger, vibration=usual.vibration)
-        periods = trials.get("periods")
+        ends = ends or partial(end_states, ledger=usual.ledger, vibration=usual.vibration)
         periods = resolved.transient + resolved.n_periods if periods is None else periods
-        work = len(lanes.drive.omega) * periods
-        progress = trials.get("progress")
-        choice = choose(without_given(lanes), 1, resolved.accuracy, lane_periods=work, ends=ends, progress=progress)
+        choice = choose(lanes, 1, resolved.accuracy, lane_periods=len(lanes.drive.omega) * periods, ends=ends)
         method = choice.method
         if choice.promised is None:
             is_requested = asked.by_argument and not asked.says_nothing
-            if is_requested:
+            if is_requested and asked.told is None:
                 warnings.warn(str(choice), AccuracyWarning, stacklevel=5)
             choice = choice if is_requested else None
     require_march(lanes, method)
@@ -116,7 +116,8 @@ def choose_method(
 
 def _refuse_accuracy(asked: Asked, law: type[ContactLaw]) -> None:
     """Raise InputError where an accuracy is requested that cannot be had."""
-    if not law.is_examined and (asked.accuracy is not None or (asked.plan and asked.plan.choice)):
+    is_asked = (asked.by_argument and asked.accuracy is not None) or (asked.plan and asked.plan.choice)
+    if is_asked and not law.is_examined:
         raise InputError(
             f"An accuracy can be had for located contact, not for {law.called}; give js.RungeKutta(steps=...)."
         )

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -21,7 +20,6 @@ from jaxshroud.march.method import FOR_P_D_WITH_LEDGER
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
-from jaxshroud.orbits.short_runs import end_states
 from jaxshroud.results.base import Labels
 from jaxshroud.results.power import PowerResult
 from jaxshroud.scene.checks import InputError, tolerance_argument
@@ -266,7 +264,7 @@ def power(
     result = _power_result(resolved, summaries, march, chatter)
     warn_failures(result.status, chatter, throw=throw)
     if march.tried is not None:
-        missed = missed_lanes(lanes, march.tried, partial(end_states, ledger=True, vibration=True), progress)
+        missed = missed_lanes(lanes, march.tried, progress)
         warn_missed(missed, march.tried, result.final_energy_dropped)
     return result
 

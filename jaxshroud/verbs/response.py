@@ -7,12 +7,14 @@ like one that damps it; the peaks compare resonances.
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxshroud.batch.linear_runs import linear_amplitude_values
 from jaxshroud.batch.plan import Progress
 from jaxshroud.linear.held_contact import LinearState, is_linear
+from jaxshroud.march.method import FOR_P_D
 from jaxshroud.march.method_names import RESPONSES
 from jaxshroud.orbits.peaks import AmplitudesAt, branch_peaks, linear_peaks
 from jaxshroud.results.branch import Branch
@@ -32,6 +34,7 @@ from jaxshroud.signals.amplitudes import counted_reduction, free_amplitudes
 from jaxshroud.verbs.arguments import check_row, one_scene, resolve_options
 from jaxshroud.verbs.asked import MethodArgument
 from jaxshroud.verbs.branch import BranchStart, continued, range_of
+from jaxshroud.verbs.plan import plan_march
 from jaxshroud.verbs.settled import default_state, in_state
 from jaxshroud.verbs.sweep import sweep
 
@@ -231,11 +234,14 @@ def response(
         scene = in_state(scene, linear)
         scenes = [in_state(one, linear) for one in scenes]
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, of_sweep=True)
-    run = {"n_periods": resolved.n_periods, "transient": resolved.transient, "method": resolved.asked}
+    ends = [scenes_at(with_numbers(one, [along]), [along], np.array([[low], [high]])) for one in scenes]
+    whole = 3 * num * (resolved.transient + resolved.n_periods)  # of a member
+    march = plan_march(resolved, jax.tree.map(lambda *a: np.concatenate(a), *ends), FOR_P_D, periods=whole / 2)
+    run = {"n_periods": resolved.n_periods, "transient": resolved.transient, "method": march.again}
     in_succession = int(plain.row is not None) if doublings is None else doublings
     sizes = (most_points or MOST_POINTS, in_succession)
     members = [_member(one, along, values, of, at, sizes, run, progress) for one in scenes]
-    attributes, _ = resolved.provenance(resolved.transient, int(members[0].sweep.steps_per_period))
+    attributes, _ = resolved.provenance(resolved.transient, march.steps)
     return Response.of_members(members, along, of, family, counted_reduction(plain), attributes)
 
 

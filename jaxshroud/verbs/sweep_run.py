@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -24,7 +23,6 @@ from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.orbits.lyapunov import ALIGNMENT_PERIODS, largest_exponents, with_phase_shift
-from jaxshroud.orbits.short_runs import end_states
 from jaxshroud.results.sweep import GAP_ATTRS, SweepResult, sweep_coordinates
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.layout import Direction
@@ -204,9 +202,7 @@ def _sweep_result(grid: Grid, numbers: dict[str, object], chatter: str | None, s
     plan, march = settings.plan, settings.march
     common = {"phase": plan.phase, "period_tol": settings.period_tol, "chatter": chatter, **march.attributes}
     if march.tried is not None:
-        ends = partial(end_states, vibration=True)
-        progress = settings.ticker.report
-        numbers = numbers | {"inaccurate": missed_lanes(grid.lanes, march.tried, ends, progress)}
+        numbers = numbers | {"inaccurate": missed_lanes(grid.lanes, march.tried, settings.ticker.report)}
     known = known_values(grid, plan)
     known["attrs"]["complete"] = int(not np.any(numbers["status"] == Status.NOT_RUN))
     values = {**in_shape(numbers, grid.shape), **common}

@@ -16,7 +16,7 @@ from jaxshroud.batch.xla import one_lane
 from jaxshroud.cli import commands as cli
 from jaxshroud.cli import describe
 from jaxshroud.cli.commands import join_negative_values
-from jaxshroud.cli.run_options import load_scene, resolve_method
+from jaxshroud.cli.run_options import asked_method, load_scene, print_march
 from jaxshroud.cli.sweep import with_axes
 from jaxshroud.march.method import FAST, Choices, choices
 from jaxshroud.march.tableau import tableau
