@@ -44,15 +44,19 @@ def _write_sheet(sheet: Any, file: Any, options: argparse.Namespace) -> None:
 
 def explain_command(options: argparse.Namespace) -> None:
     """Print what the model of a scene consists of."""
-    from jaxshroud.cli.run_options import asked_method, load_scene
+    from jaxshroud.cli.run_options import asked_method, load_scene, print_march
     from jaxshroud.march.method import FAST, method_of
     from jaxshroud.verbs.arguments import resolve_options
+    from jaxshroud.verbs.asked import MarchPlan
     from jaxshroud.verbs.plan import choose_method
 
     file = load_scene(options)
     with input_errors_at(file.name):
         resolved = resolve_options(file.scene, method=asked_method(file, options))
         method, choice = choose_method(resolved, resolved.lanes, FAST, periods=0)
+        march = MarchPlan(0, method, choice)
+        if march.tried or resolved.scene.parts.contact == "none":
+            print_march(file, options, resolved.lanes, march)
         explanation = jaxshroud.explain(file.scene, method_of("auto", method))
     print_table(file.title or file.name, _explanation_rows(explanation, choice))
 

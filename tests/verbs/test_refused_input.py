@@ -12,7 +12,6 @@ import xarray as xr
 
 import jaxshroud as js
 from jaxshroud.batch.limits import MAX_LANE_PERIODS, check_memory, check_size
-from jaxshroud.batch.xla import one_lane
 from jaxshroud.cli import commands as cli
 from jaxshroud.cli import describe
 from jaxshroud.cli.commands import join_negative_values
@@ -22,6 +21,8 @@ from jaxshroud.march.method import FAST, Choices, choices
 from jaxshroud.march.tableau import tableau
 from jaxshroud.scene.layout import Parts
 from jaxshroud.scene.scene import Contact
+from jaxshroud.verbs.arguments import resolve_options
+from jaxshroud.verbs.plan import plan_march
 
 pytestmark = pytest.mark.full
 
@@ -197,7 +198,8 @@ def test_explain_marches_as_the_accuracy_says(capsys):
 def test_an_accuracy_that_has_no_choice_is_told(capsys):
     options = cli.parser().parse_args(["explain", "table1", "--set", "parts.contact=none", "--accuracy", "1e-4"])
     file = load_scene(options)
-    assert resolve_method(file, one_lane(file.scene), options, FAST)[1] is None
+    resolved = resolve_options(file.scene, method=asked_method(file, options))
+    print_march(file, options, resolved.lanes, plan_march(resolved, resolved.lanes, FAST))
     assert "--accuracy has no choice" in capsys.readouterr().err
 
 

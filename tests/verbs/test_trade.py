@@ -327,6 +327,20 @@ def test_trials_end_with_a_tenth_of_the_steps_of_the_run(monkeypatch, periods, s
     assert "not confirmed: 95 % of runs keep" in str(choice)
 
 
+def test_lanes_that_were_tried_are_not_tried_again(monkeypatch):
+    events_of: list[float] = []
+    rocking_without_end(monkeypatch, events_of)
+    lanes = scenes_at(load("table1_light", LIGHT).scene, ["contact.gamma"], np.linspace(1, 3, 20)[:, None])
+    choice = choose(lanes, 1, 1e-9, lane_periods=60)
+    marches = len(events_of)
+    assert missed_lanes(lanes, choice).all()
+    assert len(events_of) == marches
+    others = scenes_at(load("table1_light", LIGHT).scene, ["contact.gamma"], np.linspace(1, 2, 20)[:, None])
+    for more, scenes in enumerate((others, jax.tree.map(lambda a: a[::-1], lanes)), 1):
+        assert missed_lanes(scenes, choice).all()
+        assert len(events_of) == marches + 2 * more
+
+
 @pytest.mark.full
 def test_a_short_sweep_of_rocking_faces_ends():
     # The second of five settings takes four times the processor time of the first to try, the third twenty times.
