@@ -32,7 +32,7 @@ from jaxshroud.cli.terminal import (
 from jaxshroud.io.store import write_json
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
-from jaxshroud.verbs.asked import MarchPlan
+from jaxshroud.verbs.arguments import MarchPlan
 from jaxshroud.version import __version__
 
 DATASETS = ("xarray", "h5netcdf")

@@ -46,9 +46,7 @@ def explain_command(options: argparse.Namespace) -> None:
     """Print what the model of a scene consists of."""
     from jaxshroud.cli.run_options import asked_method, load_scene, print_march
     from jaxshroud.march.method import FAST, method_of
-    from jaxshroud.verbs.arguments import resolve_options
-    from jaxshroud.verbs.asked import MarchPlan
-    from jaxshroud.verbs.plan import choose_method
+    from jaxshroud.verbs.arguments import MarchPlan, choose_method, resolve_options
 
     file = load_scene(options)
     with input_errors_at(file.name):

@@ -38,7 +38,7 @@ from jaxshroud.scene.quantities import is_reduction, unit_of
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.verbs.asked import MarchPlan
+from jaxshroud.verbs.arguments import MarchPlan
 from jaxshroud.verbs.gradient_ascent import SearchOptions
 from jaxshroud.verbs.report_sections import MM_PER_M
 from jaxshroud.verbs.scattering import cube_corners

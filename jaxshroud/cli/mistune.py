@@ -24,7 +24,7 @@ from jaxshroud.scene.mistuning import NO_PATTERN
 from jaxshroud.scene.overrides import axis
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
-from jaxshroud.verbs.asked import MarchPlan
+from jaxshroud.verbs.arguments import MarchPlan
 from jaxshroud.verbs.mistune import search_size
 from jaxshroud.verbs.mistuned_rows import tuned_store
 from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE

@@ -16,8 +16,8 @@ from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.scene.layout import KNOW_LINEAR
 from jaxshroud.scene.overrides import axis, size_in_si
 from jaxshroud.scene.scene import Scene, without_given
-from jaxshroud.verbs.arguments import asked_by, check_verb
-from jaxshroud.verbs.asked import Asked, MarchPlan
+from jaxshroud.verbs.arguments import Asked, MarchPlan, asked_by
+from jaxshroud.verbs.lanes import check_verb
 from jaxshroud.verbs.settled import in_state, settling_advice, settling_periods
 
 METHOD_OPTIONS = ("tableau", "order", "step_tolerance", "locate", "precision")

@@ -26,7 +26,7 @@ from jaxshroud.results.extremes import amplitude_words
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.signals.amplitudes import is_preloaded
 from jaxshroud.signals.effects import with_interval
-from jaxshroud.verbs.asked import LEVELS
+from jaxshroud.verbs.accuracy import LEVELS
 
 
 def _simulate_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:

@@ -47,8 +47,8 @@ from jaxshroud.scene.overrides import axis
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
 from jaxshroud.signals.effects import with_interval
-from jaxshroud.verbs.arguments import check_row
-from jaxshroud.verbs.asked import MarchPlan
+from jaxshroud.verbs.arguments import MarchPlan
+from jaxshroud.verbs.lanes import check_row
 from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE
 
 BARE_AMPLITUDES = ("largest amplitude of x [m]", "largest amplitude of y [m]", "largest amplitude of theta [rad]")

@@ -20,9 +20,8 @@ from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.keys import ALL_KEYS, Key, key_in
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import read_shown, shown_text
-from jaxshroud.verbs.arguments import resolve_options
-from jaxshroud.verbs.asked import Asked, accuracy_level
-from jaxshroud.verbs.plan import plan_march
+from jaxshroud.verbs.accuracy import accuracy_level
+from jaxshroud.verbs.arguments import Asked, plan_march, resolve_options
 
 Continue = Callable[[], None]  # to be called regularly: raises `Outdated` once the work is no longer wanted
 # In the order of the page; of rivals a scene gives one.

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.batch.plan import Plan, Progress, Runs, Ticker
+from jaxshroud.batch.plan import Progress, Runs, Ticker
 from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import coordinate_sizes, final_states
 from jaxshroud.batch.xla import one_lane
@@ -18,7 +18,6 @@ from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.orbits.batched_algorithms import run_alone
 from jaxshroud.orbits.lyapunov import ALIGNED, NearbyGrowth, lyapunov_exponents, nearby_growth
-from jaxshroud.orbits.shooting import CLOSING_TOLERANCE, ShootingOptions
 from jaxshroud.orbits.verdict import VERDICT_ROUNDS, Verdict, verdict_text, verdicts
 from jaxshroud.orbits.verdict_evidence import Stretches
 from jaxshroud.results.diagnosis import Diagnosis
@@ -33,10 +32,17 @@ from jaxshroud.signals.amplitudes import is_comparable
 from jaxshroud.signals.averages import Reduction, averages, convergence, period_reductions
 from jaxshroud.signals.period import SETTLED, Repetition
 from jaxshroud.signals.waves import RowWave
-from jaxshroud.verbs.arguments import ResolvedOptions, check_row, one_scene, resolve_options
-from jaxshroud.verbs.asked import Asked, Choice, MarchPlan, MethodArgument
-from jaxshroud.verbs.lanes import RequestedLanes, with_tangents
-from jaxshroud.verbs.plan import plan_march, warn_missed
+from jaxshroud.verbs.accuracy import Choice
+from jaxshroud.verbs.arguments import (
+    Asked,
+    MarchPlan,
+    MethodArgument,
+    ResolvedOptions,
+    plan_march,
+    resolve_options,
+    warn_missed,
+)
+from jaxshroud.verbs.lanes import check_row, one_scene
 from jaxshroud.verbs.power import power
 from jaxshroud.verbs.simulate import simulate
 from jaxshroud.verbs.trials import missed_lanes
@@ -98,7 +104,7 @@ def _evidence(scenes: Scene, states: State, march: MarchPlan, transient: int, pr
     most = transient + (2**ROUNDS - 1) * FIRST_STRETCH + 2 * (ALIGNED + GROWTH_PERIODS)
     ticker = Ticker(most, progress)
     done = 0
-    plan = Plan(transient, FIRST_STRETCH, march.steps, 0.0, march.method)
+    plan = march.plan(transient, FIRST_STRETCH)
     while True:
         runs = run_lanes(scenes, states, plan, ticker)
         done += plan.transient + plan.kept
@@ -125,7 +131,7 @@ def _latest_series(scenes: Scene, runs: Runs, orbit: Repetition, P_0: np.ndarray
 
 
 def _after_a_period(scenes: Scene, march: MarchPlan, ticker: Ticker, states: State) -> tuple[State, bool]:
-    runs = run_lanes(scenes, states, Plan(0, 1, march.steps, 0.0, march.method), ticker)
+    runs = run_lanes(scenes, states, march.plan(0, 1), ticker)
     return final_states(runs.last.state), bool(np.asarray(runs.last.status)[0] == Status.OK)
 
 
@@ -264,12 +270,11 @@ def motion_of_pair(
     scene: Scene | SceneFile, resolved: ResolvedOptions, state: State | None, progress: Progress | None
 ) -> JudgedMotion:
     """The motion of a pair: by its returns, the exponent of a tangent, the 0-1 test and Newton's method."""
-    march = with_tangents(resolved, resolved.lanes, FOR_P_D_WITH_LEDGER)
+    march = plan_march(resolved, resolved.lanes, FOR_P_D_WITH_LEDGER, tangents=True)
     march = march._replace(method=march.method._replace(ledger=True))
-    ((precise, initial),) = RequestedLanes(resolved, march).with_states(resolved.scenes, state)
-    shooting = ShootingOptions(march.steps, CLOSING_TOLERANCE[march.method.precision], march.method)
+    ((precise, initial),) = resolved.with_states(resolved.scenes, state, march)
     ticker = Ticker(resolved.transient + (2**VERDICT_ROUNDS - 1) * Stretches().all, progress)
-    (verdict,) = verdicts(one_lane(precise), one_lane(initial), resolved.transient, shooting, tick=ticker)
+    (verdict,) = verdicts(one_lane(precise), one_lane(initial), resolved.transient, march.shooting, tick=ticker)
     missed = None if march.tried is None else missed_lanes(resolved.lanes, march.tried, progress)
     stopped = verdict.kind == "stopped"
     shown = MIN_STORED_ORBITS * verdict.q if verdict.q else APERIODIC_PERIODS

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.limits import check_size
-from jaxshroud.batch.plan import Plan, Progress, Ticker
+from jaxshroud.batch.plan import Progress, Ticker
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.model.modes import Status
@@ -27,8 +27,7 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import T, typed
 from jaxshroud.scene.vary import level_of, value_of, with_numbers
 from jaxshroud.signals.amplitudes import check_resonance, check_vibration, counted_reduction
-from jaxshroud.verbs.arguments import ResolvedOptions, check_row, one_scene, resolve_options
-from jaxshroud.verbs.asked import Asked, MarchPlan, MethodArgument
+from jaxshroud.verbs.arguments import Asked, MarchPlan, MethodArgument, ResolvedOptions, plan_march, resolve_options
 from jaxshroud.verbs.attractors import attractors, row_motions
 from jaxshroud.verbs.check import check
 from jaxshroud.verbs.design_problem import (
@@ -41,7 +40,7 @@ from jaxshroud.verbs.design_problem import (
 )
 from jaxshroud.verbs.gradient import gradient
 from jaxshroud.verbs.gradient_ascent import verify_design
-from jaxshroud.verbs.plan import plan_march
+from jaxshroud.verbs.lanes import check_row, one_scene
 from jaxshroud.verbs.power import power
 from jaxshroud.verbs.report_findings import DesignFindings, RowFindings
 from jaxshroud.verbs.report_sections import Limits, ReportData, sections_of, worst_of
@@ -231,7 +230,7 @@ def report(
     counts = draws, starts, seed
     data = _report_data(problem, resolved, march, limits, bounds, counts, progress)._replace(tuned=tuned)
     verdict, reasons = report_verdict(data)
-    provenance, _ = resolved.provenance(resolved.transient, march.steps)
+    provenance, _ = resolved.provenance(march.steps)
     title = str(provenance.get("title") or "A design").partition(":")[0]
     sections = sections_of(data, verdict, reasons, str(provenance["scene"]), command)
     return Report(
@@ -292,7 +291,7 @@ def _report_data(
     if np.all(runs.status != Status.OK):
         raise NumericalError(f"The design stops before its end, with {Status(int(runs.status[0])).name}.")
     choices = march.method._replace(within=design.parts.contact == "spring")
-    problem = problem._replace(plan=Plan(resolved.transient, resolved.n_periods, march.steps, 0.0, choices))
+    problem = problem._replace(plan=march._replace(method=choices).plan(resolved.transient, resolved.n_periods))
     judged = judge_designs(problem, SCENE_ITSELF, lambda _: None)
     checks = done(verify_design(problem, SCENE_ITSELF[0], seed, lambda _: None))
     in_conditions = [jax.tree.map(lambda a, i=i: a[i], scenes) for i in range(len(rows))]

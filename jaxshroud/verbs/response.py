@@ -31,10 +31,9 @@ from jaxshroud.scene.sector import smallest_ring
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of, vary, with_numbers
 from jaxshroud.signals.amplitudes import counted_reduction, free_amplitudes
-from jaxshroud.verbs.arguments import check_row, one_scene, resolve_options
-from jaxshroud.verbs.asked import MethodArgument
+from jaxshroud.verbs.arguments import MethodArgument, plan_march, resolve_options
 from jaxshroud.verbs.branch import BranchStart, continued, range_of
-from jaxshroud.verbs.plan import plan_march
+from jaxshroud.verbs.lanes import check_row, one_scene
 from jaxshroud.verbs.settled import default_state, in_state
 from jaxshroud.verbs.sweep import sweep
 
@@ -241,7 +240,7 @@ def response(
     in_succession = int(plain.row is not None) if doublings is None else doublings
     sizes = (most_points or MOST_POINTS, in_succession)
     members = [_member(one, along, values, of, at, sizes, run, progress) for one in scenes]
-    attributes, _ = resolved.provenance(resolved.transient, march.steps)
+    attributes, _ = resolved.provenance(march.steps)
     return Response.of_members(members, along, of, family, counted_reduction(plain), attributes)
 
 

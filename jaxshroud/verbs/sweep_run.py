@@ -36,8 +36,8 @@ from jaxshroud.signals.amplitudes import (
 )
 from jaxshroud.signals.averages import averages, contact_shares, relative_drop, relative_residual
 from jaxshroud.signals.period import SETTLED
-from jaxshroud.verbs.arguments import ResolvedOptions, in_shape
-from jaxshroud.verbs.asked import MarchPlan
+from jaxshroud.verbs.arguments import MarchPlan, ResolvedOptions
+from jaxshroud.verbs.lanes import in_shape
 from jaxshroud.verbs.trials import missed_lanes
 
 MAX_LANES_AT_ONCE = 4096  # lanes whose samples are in memory at once where the result does not keep them
@@ -184,7 +184,7 @@ def _run_grid(
 def known_values(grid: Grid, plan: Plan) -> dict[str, Any]:
     """What a result has before any lane has run: `coords`, `attrs` and `more` of `Result.from_values`."""
     periods = np.arange(plan.transient + 1, plan.transient + plan.kept + 1)
-    attributes, differing = grid.resolved.provenance(plan.transient, plan.steps_per_period)
+    attributes, differing = grid.resolved.provenance(plan.steps_per_period)
     more: dict[str, Any] = {name: variable for name, variable in differing.items() if name not in grid.dims}
     if "gap" not in grid.dims and (grid.axes or "gap" not in more):
         gap = np.asarray(grid.lanes.running_shroud.gap)

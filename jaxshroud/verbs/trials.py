@@ -20,7 +20,7 @@ from jaxshroud.march.stability import stiffest, stiffness_ratio
 from jaxshroud.orbits.short_runs import HORIZON, HorizonEnds, end_states, state_errors
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.signals.averages import least_tilt
-from jaxshroud.verbs.asked import Choice, Setting, SettingTrial, accuracy_level, by_series, flat_return_for
+from jaxshroud.verbs.accuracy import Choice, Setting, SettingTrial, accuracy_level, by_series, flat_return_for
 
 STIFFNESS_CLASSES = (1.5, 4.0, 12.0, np.inf)  # upper bounds of omega_max over the largest frequency without contact
 MAX_PROBED_LANES = 256  # on which a setting is tried before it is chosen

@@ -21,8 +21,7 @@ from jaxshroud.march.method import FAST, Choices, choices
 from jaxshroud.march.tableau import tableau
 from jaxshroud.scene.layout import Parts
 from jaxshroud.scene.scene import Contact
-from jaxshroud.verbs.arguments import resolve_options
-from jaxshroud.verbs.plan import plan_march
+from jaxshroud.verbs.arguments import plan_march, resolve_options
 
 pytestmark = pytest.mark.full
 
