@@ -18,11 +18,11 @@ import jaxshroud
 from jaxshroud.batch.plan import Progress
 from jaxshroud.cache.garbage import no_garbage_collected
 from jaxshroud.cli.command_table import COMMANDS
-from jaxshroud.cli.drawing import draw
 from jaxshroud.cli.progress import progress_bar
 from jaxshroud.cli.run_options import accuracy_warnings_printed, asked_method, load_scene, print_march
 from jaxshroud.cli.terminal import (
     claim_directory,
+    draw,
     files_written,
     input_errors_at,
     print_table,
@@ -97,12 +97,6 @@ def call_verb(call: VerbCall, progress: Progress) -> Any:
     return with_origin(verb(call.file.scene, **call.arguments, progress=progress), call.file)
 
 
-def call_with_accuracy_warnings(call: VerbCall, progress: Progress) -> Any:
-    """The same for a verb that warns of runs that miss the accuracy of the options."""
-    with accuracy_warnings_printed():
-        return call_verb(call, progress)
-
-
 def write_files(completed: VerbCall, summary: dict[str, Any] | None = None) -> None:
     """Write a result: `.nc` the result itself, `.json` its summary, a scene not here, anything else its picture."""
     pictures = []
@@ -170,6 +164,6 @@ class Computation:
         formats = {path.suffix for path in call.paths}
         pictures = (*(PICTURES if ".png" in formats else ()), *(PDF_PICTURES if ".pdf" in formats else ()))
         import_in_background((*self.imports, *pictures))
-        with progress_bar(command.unit) as report, input_errors_at(file.name):
+        with accuracy_warnings_printed(), progress_bar(command.unit) as report, input_errors_at(file.name):
             call.result = self.run(call, report)
         self.output(call)

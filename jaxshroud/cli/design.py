@@ -12,13 +12,13 @@ import jaxshroud
 from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Plan, Progress
 from jaxshroud.batch.threads import cores
-from jaxshroud.cli.computation import Computation, VerbCall, call_with_accuracy_warnings, print_result
-from jaxshroud.cli.drawing import draw
+from jaxshroud.cli.computation import Computation, VerbCall, print_result
 from jaxshroud.cli.progress import progress_bar
 from jaxshroud.cli.projection import LONG_RUN_STEPS, print_projection, projected_seconds
 from jaxshroud.cli.run_options import bounds, limits, load_scene, operating_conditions, scatters
 from jaxshroud.cli.terminal import (
     CommandError,
+    draw,
     files_written,
     input_errors_at,
     print_table,
@@ -279,6 +279,5 @@ report_command = Computation(load=_scene_of_report, prepare=_report_arguments, r
 table_command = Computation(
     prepare=_table_arguments,
     announce=_print_projection_of_long_table,
-    run=call_with_accuracy_warnings,
     output=_output_table,
 )

@@ -7,10 +7,9 @@ from typing import Any
 import jax
 import numpy as np
 
-import jaxshroud
 from jaxshroud.batch.plan import Plan, Progress
 from jaxshroud.batch.threads import Interrupted
-from jaxshroud.cli.computation import Computation, VerbCall, with_origin, write_files
+from jaxshroud.cli.computation import Computation, VerbCall, call_verb, write_files
 from jaxshroud.cli.projection import print_projection_of_long_run
 from jaxshroud.cli.sweep import RESUME_ADVICE
 from jaxshroud.cli.terminal import CommandError, files_written, print_columns, print_table, warn_status
@@ -90,11 +89,10 @@ def _print_projection_of_march(call: VerbCall, scenes: Scene, march: MarchPlan) 
 
 def _run_mistuning(call: VerbCall, progress: Progress) -> Mistuned:
     try:
-        result = jaxshroud.mistune(call.file, **call.arguments, progress=progress)
+        return call_verb(call, progress)
     except Interrupted:
         store = call.arguments.get("store")
         raise KeyboardInterrupt(*([f"{store} with what had ended", RESUME_ADVICE] if store else [])) from None
-    return with_origin(result, call.file)
 
 
 def _output_mistuning(completed: VerbCall) -> None:

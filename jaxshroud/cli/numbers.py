@@ -10,11 +10,11 @@ from typing import Any, cast
 import numpy as np
 
 from jaxshroud.cli.computation import Computation, VerbCall, write_files
-from jaxshroud.cli.drawing import draw
 from jaxshroud.cli.progress import progress_bar
 from jaxshroud.cli.run_options import bounds, load_scene, scatters
 from jaxshroud.cli.terminal import (
     CommandError,
+    draw,
     files_written,
     input_errors_at,
     print_columns,

@@ -8,21 +8,18 @@ import numpy as np
 
 import jaxshroud
 from jaxshroud.batch.limits import check_size
-from jaxshroud.batch.plan import Progress
 from jaxshroud.cli.computation import (
     Computation,
     VerbCall,
-    call_verb,
-    call_with_accuracy_warnings,
     print_result,
     with_origin,
     write_files,
 )
-from jaxshroud.cli.drawing import draw
 from jaxshroud.cli.progress import progress_bar
 from jaxshroud.cli.run_options import load_scene
 from jaxshroud.cli.terminal import (
     CommandError,
+    draw,
     files_written,
     input_errors_at,
     print_columns,
@@ -239,8 +236,6 @@ def _output_branch(completed: VerbCall) -> None:
     write_json(summary, summary_path)
     for line in branch.messages:
         print(line, file=sys.stderr)
-    for line in branch.doubts:
-        print(f"warning: {line}", file=sys.stderr)
     _print_special_points(branch, completed.options.along)
     rows = {name: value for name, value in summary.items() if name not in NOT_IN_BRANCH_TABLE}
     print_table(completed.title, {**rows, "written": files_written()})
@@ -288,11 +283,6 @@ def _plane_ranges(file: SceneFile, plane: list[str], options: argparse.Namespace
     return [(float(values.min()), float(values.max())) for values in axes]
 
 
-def _call_basins(call: VerbCall, progress: Progress) -> Any:
-    with input_errors_at(f"--plane {call.options.plane}"):
-        return call_verb(call, progress)
-
-
 def _output_attractors(completed: VerbCall) -> None:
     attractors: Attractors = completed.result
     summary = {**attractors.summary(), "seconds": completed.seconds}
@@ -319,7 +309,7 @@ def _output_attractors(completed: VerbCall) -> None:
 
 orbit_command = Computation(output=_output_orbit)
 lyapunov_command = Computation(output=_output_exponents)
-response_command = Computation(prepare=_response_arguments, run=call_with_accuracy_warnings, output=_output_response)
+response_command = Computation(prepare=_response_arguments, output=_output_response)
 branch_command = Computation(load=_scene_of_branch, prepare=_branch_arguments, output=_output_branch)
 attractors_command = Computation(output=_output_attractors)
-basins_command = Computation(prepare=_basins_arguments, run=_call_basins, output=_output_attractors)
+basins_command = Computation(prepare=_basins_arguments, output=_output_attractors)

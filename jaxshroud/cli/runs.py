@@ -7,19 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from jaxshroud.batch.limits import STEP_BYTES, check_memory
-from jaxshroud.batch.plan import Progress
 from jaxshroud.cli.computation import (
     DATASETS,
     Computation,
     VerbCall,
-    call_with_accuracy_warnings,
     print_result,
     write_files,
 )
-from jaxshroud.cli.terminal import CommandError, files_written, input_errors_at, print_columns
-from jaxshroud.io.restart import StoredEnd, stored_end
-from jaxshroud.march.tableau import MIN_STEPS
+from jaxshroud.cli.terminal import CommandError, files_written, print_columns
+from jaxshroud.io.restart import stored_end
 from jaxshroud.model.modes import Status
 from jaxshroud.results.amplitudes import amplitude_numbers, load_numbers
 from jaxshroud.results.extremes import amplitude_words
@@ -30,29 +26,15 @@ from jaxshroud.verbs.accuracy import LEVELS
 
 
 def _simulate_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
-    """The stored end that the run goes on from, or the start of the scene."""
+    """The stored end that the run goes on from, if any; what differs from its scene is printed."""
     if options.out.suffix != ".nc":
         raise CommandError(f"{options.out}: a trajectory needs a name that ends in .nc")
-    _check_run_memory(file, options)
-    start = StoredEnd(None, 0.0, 0.0, ())
-    return {"begin": start if options.earlier is None else stored_end(options.earlier, file)}
-
-
-def _check_run_memory(file: SceneFile, options: argparse.Namespace) -> None:
-    """Refuse what would not fit into memory, before anything is compiled."""
-    steps = file.run.steps_per_period
-    least = MIN_STEPS if steps is None or steps == "auto" or options.accuracy else steps
-    with input_errors_at(file.name):
-        check_memory("what is stored of this run", file.run.periods * least // options.every * STEP_BYTES)
-
-
-def _simulate_from_end(call: VerbCall, progress: Progress) -> Any:
-    """Go on from a stored end; what differs from its scene is printed."""
-    begin: StoredEnd = call.arguments.pop("begin")
+    if options.earlier is None:
+        return {}
+    begin = stored_end(options.earlier, file)
     if begin.differences:
         print(f"going on from another scene: {'; '.join(begin.differences)}", file=sys.stderr)
-    call.arguments |= {"state": begin.state, "turns": begin.turns, "t": begin.t}
-    return call_with_accuracy_warnings(call, progress)
+    return {"state": begin.state, "turns": begin.turns, "t": begin.t}
 
 
 def _output_run(completed: VerbCall) -> None:
@@ -148,9 +130,8 @@ def _cheapest_cells(trade: Any, level: float) -> tuple[str, ...]:
 simulate_command = Computation(
     prepare=_simulate_arguments,
     imports=DATASETS,
-    run=_simulate_from_end,
     output=_output_run,
 )
-diagnose_command = Computation(run=call_with_accuracy_warnings, output=_output_diagnosis)
-power_command = Computation(prepare=_power_arguments, run=call_with_accuracy_warnings, output=_output_power)
+diagnose_command = Computation(output=_output_diagnosis)
+power_command = Computation(prepare=_power_arguments, output=_output_power)
 trade_command = Computation(output=_output_trade)

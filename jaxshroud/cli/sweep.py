@@ -13,22 +13,14 @@ import numpy as np
 from jaxshroud.batch.limits import results_size
 from jaxshroud.batch.plan import Plan, Progress
 from jaxshroud.batch.threads import Interrupted
-from jaxshroud.cli.computation import (
-    DATASETS,
-    PICTURES,
-    STATISTICS,
-    Computation,
-    VerbCall,
-    call_with_accuracy_warnings,
-    with_origin,
-)
-from jaxshroud.cli.drawing import draw
+from jaxshroud.cli.computation import DATASETS, PICTURES, STATISTICS, Computation, VerbCall, call_verb, with_origin
 from jaxshroud.cli.option_table import Along, count
 from jaxshroud.cli.projection import print_projection_of_long_run
 from jaxshroud.cli.run_options import load_scene
 from jaxshroud.cli.terminal import (
     CommandError,
     claim_directory,
+    draw,
     files_written,
     print_table,
     warn_status,
@@ -190,7 +182,7 @@ def _print_projection_of_long_sweep(call: VerbCall, scenes: Scene, march: MarchP
 def _sweep(call: VerbCall, progress: Progress) -> SweepResult:
     """The sweep; where it is interrupted, what has ended is written."""
     try:
-        return call_with_accuracy_warnings(call, progress)
+        return call_verb(call, progress)
     except Interrupted as interrupt:
         if interrupt.done is None:
             raise KeyboardInterrupt from None
