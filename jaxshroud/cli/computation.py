@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
+from inspect import signature
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -117,10 +118,11 @@ def print_result(completed: VerbCall, rows: Mapping[str, Any], title: str = "") 
     print_table(title or completed.title, {**rows, "written": files_written()})
 
 
-def _plain_arguments(names: Sequence[str], file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
+def plain_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
     """Arguments of a verb by their names: those of [run] from the scene file, the others from options of that name."""
-    run = {"n_periods": file.run.periods, "transient": file.run.transient}
-    return {name: run[name] if name in run else getattr(options, name) for name in names}
+    known = {**vars(options), "n_periods": file.run.periods, "transient": file.run.transient}
+    _, *names = signature(getattr(jaxshroud, options.verb)).parameters
+    return {name: known[name] for name in names if name in known}
 
 
 def _claim_output(options: argparse.Namespace) -> None:
@@ -136,7 +138,7 @@ class Computation:
     """What is special of a command that computes; by default nothing is."""
 
     load: Callable[[argparse.Namespace], SceneFile] = load_scene
-    # Arguments of the verb that are not in the command's record; wrong options are refused here.
+    # Arguments of the verb that are not options as they are; wrong options are refused here.
     prepare: Callable[[SceneFile, argparse.Namespace], Mapping[str, Any]] = lambda file, options: {}
     imports: Sequence[str] = (*DATASETS, *STATISTICS)  # in the background, beside what draws pictures
     claim: Callable[[argparse.Namespace], None] = _claim_output
@@ -150,7 +152,7 @@ class Computation:
         command = COMMANDS[options.verb]
         start = time.perf_counter()
         file = self.load(options)
-        arguments = {**_plain_arguments(command.arguments, file, options), **self.prepare(file, options)}
+        arguments = {**plain_arguments(file, options), **self.prepare(file, options)}
         self.claim(options)
         call = VerbCall(file, options, arguments, start)
 

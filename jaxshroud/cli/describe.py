@@ -15,11 +15,10 @@ def check_command(options: argparse.Namespace) -> None:
     from jaxshroud.verbs.sheet_tables import crossing_rows, flow_rows, left_out, lines_of, mode_rows, rows_of
 
     file = load_scene(options)
-    command = COMMANDS["check"]
     if options.out is not None:
-        claim_directory(options.out, command.files, options.force)
+        claim_directory(options.out, COMMANDS["check"].files, options.force)
     with input_errors_at(file.name):
-        sheet = jaxshroud.check(file, **{name: getattr(options, name) for name in command.arguments})
+        sheet = jaxshroud.check(file, engine_orders=options.engine_orders, start=options.start, stop=options.stop)
     print_columns(file.title or file.name, *rows_of(sheet))
     print_columns("", *mode_rows(sheet))
     if sheet.flow_modes:

@@ -204,7 +204,6 @@ def _report_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str,
     return {
         "scatters": {**bounds(file, options.over), **scatters(file, options)},
         "conditions": operating_conditions(file, options),
-        "at_least": options.at_least,
         **limits(file, options),
         "tuned": _tuning_of_report(options),
         "command": f"jaxshroud {shlex.join(sys.argv[1:])}",

@@ -172,9 +172,9 @@ def _relative_error(exact: float, slopes: list[float]) -> float:
 
 
 def _fit_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
-    """The measurements, which are looked at before anything is written, and the bounds."""
+    """The bounds; the measurements are looked at before anything is written."""
     read_measurements(options.measurements)
-    return {"measurements": options.measurements, "over": bounds(file, options.over)}
+    return {"over": bounds(file, options.over)}
 
 
 def _output_fit(completed: VerbCall) -> None:

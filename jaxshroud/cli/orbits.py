@@ -198,11 +198,11 @@ def _scene_of_branch(options: argparse.Namespace) -> SceneFile:
 
 
 def _branch_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
-    """The ends of the range."""
+    """The ends of the range; where to begin, the scene says."""
     values = _values_in_range(file, options, options.along)
     if options.num:
         refuse_existing(options.out / BACKGROUND_FILE, options.force)
-    return {"start": float(values.min()), "stop": float(values.max())}
+    return {"start": float(values.min()), "stop": float(values.max()), "at": None}
 
 
 def _background_sweep(completed: VerbCall) -> SweepResult | None:

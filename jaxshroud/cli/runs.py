@@ -66,7 +66,7 @@ def _output_diagnosis(completed: VerbCall) -> None:
 
 
 def _power_arguments(_: SceneFile, options: argparse.Namespace) -> Mapping[str, Any]:
-    """None beyond those of the record, which are checked."""
+    """None beyond the options, which are checked."""
     if not options.stable_within > 0:
         raise CommandError(f"--tolerance must be positive, but is {options.stable_within}")
     return {}

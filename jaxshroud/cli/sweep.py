@@ -62,14 +62,12 @@ def _sweep_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, 
     """The axes, and the store."""
     _check_numbers(options)
     check_row(file.scene, lyapunov=options.lyapunov)
-    store = _claim_store(file, options)
-    stored = {} if store is None else {"store": store, "resume": options.resume, "scheduler": options.scheduler}
     return {
         "along": {a.key: a.values for a in file.axes},
         "n_periods": file.sweep_run.periods,
         "direction": file.direction,
         "keep_samples": not options.no_samples,
-        **stored,
+        "store": _claim_store(file, options),
     }
 
 
@@ -161,7 +159,7 @@ def _print_projection_of_long_sweep(call: VerbCall, scenes: Scene, march: MarchP
     """Print what a run will take that is long."""
     file, options = call.file, call.options
     run = file.sweep_run
-    store = call.arguments.get("store")
+    store = call.arguments["store"]
     lanes = _lane_count(file)
     print_projection_of_long_run(
         scenes,
@@ -193,7 +191,7 @@ def _sweep(call: VerbCall, progress: Progress) -> SweepResult:
 def _keep_ended_lanes(call: VerbCall) -> NoReturn:
     """Write the lanes of an interrupted sweep that had ended, without a picture; a store has them already."""
     result: SweepResult = call.result
-    store = call.arguments.get("store")
+    store = call.arguments["store"]
     ended = f"with the {(result.status != Status.NOT_RUN).sum()} of {result.status.size} lanes that had ended"
     if store is not None:
         raise KeyboardInterrupt(f"{store} {ended}", RESUME_ADVICE)
@@ -207,8 +205,9 @@ def _output_sweep(completed: VerbCall) -> None:
     """Write a sweep, of a store what is not yet there, its picture and its summary."""
     result: SweepResult = completed.result
     options, march = completed.options, completed.march
-    path = completed.arguments.get("store", options.out / "sweep.nc")
-    if "store" in completed.arguments:
+    store = completed.arguments["store"]
+    path = store or options.out / "sweep.nc"
+    if store:
         written_files[path] = path
         write_attributes(path, result.data.attrs)
     else:
