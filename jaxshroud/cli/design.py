@@ -10,11 +10,10 @@ import numpy as np
 
 import jaxshroud
 from jaxshroud.batch.limits import check_size
-from jaxshroud.batch.plan import Plan, Progress
-from jaxshroud.batch.threads import cores
+from jaxshroud.batch.plan import Progress
 from jaxshroud.cli.computation import Computation, VerbCall, print_result
 from jaxshroud.cli.progress import progress_bar
-from jaxshroud.cli.projection import LONG_RUN_STEPS, print_projection, projected_seconds
+from jaxshroud.cli.projection import LONG_RUN_STEPS, print_projection_of_long_run
 from jaxshroud.cli.run_options import bounds, limits, load_scene, operating_conditions, scatters
 from jaxshroud.cli.terminal import (
     CommandError,
@@ -26,7 +25,6 @@ from jaxshroud.cli.terminal import (
 )
 from jaxshroud.io.files import write
 from jaxshroud.io.store import write_json
-from jaxshroud.linear.held_contact import is_linear
 from jaxshroud.march.method_names import LARGEST_FIRST
 from jaxshroud.results.base import ORIGIN
 from jaxshroud.results.scatter import Report
@@ -37,7 +35,6 @@ from jaxshroud.scene.keys import parse_key
 from jaxshroud.scene.quantities import is_reduction, unit_of
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
-from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.arguments import MarchPlan
 from jaxshroud.verbs.gradient_ascent import SearchOptions
 from jaxshroud.verbs.report_sections import MM_PER_M
@@ -237,13 +234,10 @@ def _table_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, 
 def _print_projection_of_long_table(call: VerbCall, scenes: Scene, march: MarchPlan) -> None:
     """Print what a long table will take."""
     method = march.method._replace(ledger=True, forces=True, amplitudes=True)
-    plan = Plan(call.arguments["transient"], call.arguments["n_periods"], march.steps, 0.0, method)
+    plan = march._replace(method=method).plan(call.arguments["transient"], call.arguments["n_periods"])
     lanes = len(scenes.drive.omega)
-    if is_linear(scenes) or lanes * (plan.transient + plan.kept) * plan.steps_per_period <= LONG_TABLE_STEPS:
-        return
-    with progress_bar("lane-periods of a trial") as report:
-        seconds = projected_seconds(in_precision(scenes, method.precision), plan, progress=report)
-    print_projection(lanes, plan.kept, seconds, seconds / cores(), lanes_held=min(lanes, MAX_LANES_AT_ONCE))
+    held = min(lanes, MAX_LANES_AT_ONCE)
+    print_projection_of_long_run(scenes, plan, ("independent",), lanes, lanes_held=held, long=LONG_TABLE_STEPS)
 
 
 def _output_table(completed: VerbCall) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxshroud.batch.plan import Plan, Progress
+from jaxshroud.batch.plan import Progress
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.cli.computation import Computation, VerbCall, call_verb, write_files
 from jaxshroud.cli.projection import print_projection_of_long_run
@@ -71,7 +71,7 @@ def _print_projection_of_march(call: VerbCall, scenes: Scene, march: MarchPlan) 
 
         scenes = jax.tree.map(by_value, scenes)
     method = march.method._replace(amplitudes=True)
-    plan = Plan(chosen["transient"], chosen["n_periods"], march.steps, 0.0, method)
+    plan = march._replace(method=method).plan(chosen["transient"], chosen["n_periods"])
     lanes = len(scenes.drive.omega)
     blades = scenes.layout.blades
     size = search_size(chosen["scan"], chosen["starts"], chosen["updates"], None, direction)

@@ -12,7 +12,7 @@ from jaxshroud.linear.held_contact import is_linear
 from jaxshroud.march.method import FAST, REFERENCE, Method, RungeKutta, Taylor
 from jaxshroud.march.stability import step_report, stiffest
 from jaxshroud.scene.config import load
-from jaxshroud.scene.file import Axis, SceneFile
+from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import KNOW_LINEAR
 from jaxshroud.scene.overrides import axis, size_in_si
 from jaxshroud.scene.scene import Scene, without_given
@@ -113,28 +113,29 @@ def accuracy_warnings_printed():
 
 def bounds(file: SceneFile, texts: Sequence[str]) -> dict[str, tuple[float, float]]:
     """Numbers with their lower and upper bounds [SI], from --over KEY=LOW:HIGH."""
-    return {a.key: (float(a.values[0]), float(a.values[1])) for a in (_bounds_axis(file, text) for text in texts)}
+    return dict(_bounds(file, text) for text in texts)
 
 
-def _bounds_axis(file: SceneFile, text: str) -> Axis:
+def _bounds(file: SceneFile, text: str) -> tuple[str, tuple[float, float]]:
     key, _, ends = text.partition("=")
     if ends.count(":") != 1:
         raise CommandError(f"--over {text}: is not KEY=LOW:HIGH, e.g. --over shroud.gap=5um:200um")
-    return axis(file, key.strip(), ends.split(":"), where=f"--over {key}")
+    low, high = axis(file, key.strip(), ends.split(":"), where=f"--over {key}").values.tolist()
+    return key.strip(), (low, high)
 
 
 def operating_conditions(file: SceneFile, options: argparse.Namespace) -> dict[str, list[float]]:
     """Operating conditions with their values [SI], from --range KEY=A,B,C."""
-    return {a.key: a.values.tolist() for a in (_range_axis(file, text) for text in options.range)}
+    return dict(_condition(file, text) for text in options.range)
 
 
-def _range_axis(file: SceneFile, text: str) -> Axis:
+def _condition(file: SceneFile, text: str) -> tuple[str, list[float]]:
     key, _, values = text.partition("=")
     if not values:
         raise CommandError(f"--range {text}: is not KEY=A,B,C, e.g. --range drive.F_0=20,40,60,80")
     if "," not in values:
         raise CommandError(f"--range {text}: is a single condition, which is given by --set {text}")
-    return axis(file, key.strip(), values, where=f"--range {key}")
+    return key.strip(), axis(file, key.strip(), values, where=f"--range {key}").values.tolist()
 
 
 def limits(file: SceneFile, options: argparse.Namespace) -> dict[str, float]:

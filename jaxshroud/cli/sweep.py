@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from jaxshroud.batch.limits import results_size
-from jaxshroud.batch.plan import Plan, Progress
+from jaxshroud.batch.plan import Progress
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.cli.computation import DATASETS, PICTURES, STATISTICS, Computation, VerbCall, call_verb, with_origin
 from jaxshroud.cli.option_table import Along, count
@@ -163,7 +163,7 @@ def _print_projection_of_long_sweep(call: VerbCall, scenes: Scene, march: MarchP
     lanes = _lane_count(file)
     print_projection_of_long_run(
         scenes,
-        Plan(run.transient, run.periods, march.steps, options.phase, march.method),
+        march.plan(run.transient, run.periods, options.phase),
         SINGLE_DIRECTIONS if file.direction == "both" else (file.direction,),
         math.prod(a.values.size for a in file.axes[1:]),
         repeats=2.0 if options.confirm else 1.0,

@@ -100,6 +100,11 @@ class Asked(NamedTuple):
     told: Callable[[Scene, MarchPlan], None] | None = None  # what a command says of scenes (leading axis) and what runs
 
     @property
+    def requests_accuracy(self) -> bool:
+        """Whether an argument asks for an accuracy."""
+        return self.by_argument and self.accuracy is not None
+
+    @property
     def says_nothing(self) -> bool:
         """Whether nothing was asked."""
         return self.accuracy is None and self.method is None and self.steps is None and self.plan is None
@@ -135,7 +140,8 @@ class ResolvedOptions(NamedTuple):
     @property
     def accuracy(self) -> float | None:
         """The accuracy that chooses the method: the one given, else the default; None where nothing is chosen."""
-        return self.asked.level if _is_examined(self.scene) else None
+        law = law_type(self.scene)  # in closed form there is nothing to choose
+        return self.asked.level if law.is_examined and law.has_events else None
 
     @property
     def lanes(self) -> Scene:
@@ -243,12 +249,6 @@ def resolve_options(
     return ResolvedOptions(scenes, shape, names_of(shape, dims), file, n_periods, transient, asked)
 
 
-def _is_examined(scene: Scene) -> bool:
-    """Whether an accuracy can choose a method for a scene; in closed form there is nothing to choose."""
-    law = law_type(scene)
-    return law.is_examined and law.has_events
-
-
 def asked_by(method: MethodArgument, run: RunTable | None = None) -> Asked:
     """How to march as the argument `method` asks, else the [run] of a scene file."""
     if isinstance(method, Asked):
@@ -351,7 +351,10 @@ def choose_method(
     law = law_type(lanes)
     if is_linear(lanes):
         return usual, None
-    _refuse_accuracy(asked, law)
+    if not law.is_examined and (asked.requests_accuracy or (asked.plan and asked.plan.choice)):
+        raise InputError(
+            f"An accuracy can be had for located contact, not for {law.called}; give js.RungeKutta(steps=...)."
+        )
     choice = None
     if asked.plan is not None:
         method = asked.plan.method
@@ -366,21 +369,11 @@ def choose_method(
         choice = choose(lanes, 1, resolved.accuracy, lane_periods=len(lanes.drive.omega) * periods, ends=ends)
         method = choice.method
         if choice.promised is None:
-            is_requested = asked.by_argument and not asked.says_nothing
-            if is_requested and asked.told is None:
+            if asked.requests_accuracy and asked.told is None:
                 warnings.warn(str(choice), AccuracyWarning, stacklevel=5)
-            choice = choice if is_requested else None
+            choice = choice if asked.requests_accuracy else None
     require_march(lanes, method)
     return _recording(method, usual, law), choice
-
-
-def _refuse_accuracy(asked: Asked, law: type[ContactLaw]) -> None:
-    """Raise InputError where an accuracy is requested that cannot be had."""
-    is_asked = (asked.by_argument and asked.accuracy is not None) or (asked.plan and asked.plan.choice)
-    if is_asked and not law.is_examined:
-        raise InputError(
-            f"An accuracy can be had for located contact, not for {law.called}; give js.RungeKutta(steps=...)."
-        )
 
 
 def _recording(method: Choices, usual: Choices, law: type[ContactLaw]) -> Choices:

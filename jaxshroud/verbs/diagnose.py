@@ -62,8 +62,7 @@ class JudgedMotion(NamedTuple):
     events: bool  # whether the states at events are kept too
     method: Asked
     evidence: Callable[[Trajectory], dict[str, object]]  # the verdict and its evidence, by the names of `Diagnosis`
-    missed: np.ndarray | None = None  # whether the march misses the accuracy requested; None: it was not tried for one
-    tried: Choice | None = None
+    tried: Choice | None = None  # of the march, which is compared with a finer one
 
 
 class RowEvidence(NamedTuple):
@@ -257,8 +256,8 @@ def diagnose(
     found = judge(scene, resolved, state, progress)
     shown = {"n_periods": found.shown, "events": found.events, "method": found.method}
     run = simulate(scene, state=found.start, throw=throw, **shown)
-    if found.missed is not None and found.tried is not None:
-        warn_missed(found.missed, found.tried, run.energy_dropped)
+    if found.tried is not None:
+        warn_missed(missed_lanes(resolved.lanes, found.tried, progress), found.tried, run.energy_dropped)
     diagnosis = Diagnosis.from_values(found.evidence(run), layout=resolved.scene.layout).data
     data = run.data.assign(diagnosis.data_vars).assign_attrs(diagnosis.attrs)
     if found.status != Status.OK and run.status == Status.OK:  # the verdict's march went further than the samples
@@ -275,7 +274,6 @@ def motion_of_pair(
     ((precise, initial),) = resolved.with_states(resolved.scenes, state, march)
     ticker = Ticker(resolved.transient + (2**VERDICT_ROUNDS - 1) * Stretches().all, progress)
     (verdict,) = verdicts(one_lane(precise), one_lane(initial), resolved.transient, march.shooting, tick=ticker)
-    missed = None if march.tried is None else missed_lanes(resolved.lanes, march.tried, progress)
     stopped = verdict.kind == "stopped"
     shown = MIN_STORED_ORBITS * verdict.q if verdict.q else APERIODIC_PERIODS
     settled = {} if stopped else _settled_evidence(scene, precise, verdict, march)
@@ -286,7 +284,6 @@ def motion_of_pair(
         events=precise.parts.contact == "spring" and not stopped,
         method=march.untried.again,
         evidence=lambda _: _verdict_values(verdict) | settled,
-        missed=missed,
         tried=march.tried,
     )
 

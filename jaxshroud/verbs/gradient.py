@@ -11,14 +11,13 @@ from jaxshroud.batch.threads import Interrupted
 from jaxshroud.linear.held_contact import LinearState, is_linear
 from jaxshroud.march.method import FAST, FOR_P_D
 from jaxshroud.model.prepared import State
-from jaxshroud.orbits.batched_algorithms import run_alone, run_together
+from jaxshroud.orbits.batched_algorithms import run_together
 from jaxshroud.orbits.gradient import (
     PowerGradient,
     Smoothing,
     differences_on,
     gradient_of,
     marched_levels,
-    orbit_gradient,
 )
 from jaxshroud.orbits.linear_gradient import linear_gradient, linear_levels
 from jaxshroud.orbits.orbit import PeriodicOrbit
@@ -174,18 +173,6 @@ def _no_gradient(cycles: list[PeriodicOrbit], size: int, lane: int, flag: str) -
     cycle = cycles[lane]
     flags = tuple(dict.fromkeys((*cycle.flags, flag)))
     return PowerGradient("none", nan, nan, np.nan, np.nan, cycle, np.nan, np.nan, flags)
-
-
-def on_orbit(found: Orbit, wrt: Sequence[str], of: Quantity = "P_d") -> Gradient:
-    """The exact gradient on the orbit of a single scene.
-
-    Raises:
-        ValueError: There is no such `of`.
-    """
-    cycle = found.cycle()
-    check_quantity(of, cycle.scene)
-    numbers = [[level_of(cycle.scene, key) for key in wrt]]
-    return Gradient.of_slopes([run_alone(orbit_gradient(cycle, wrt, of))], wrt, of, found, numbers)
 
 
 def _check_names(wrt: Sequence[str], scene: Scene) -> None:

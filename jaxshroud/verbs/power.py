@@ -269,8 +269,7 @@ def power(
     result = _power_result(resolved, summaries, march, chatter)
     warn_failures(result.status, chatter, throw=throw)
     if march.tried is not None:
-        missed = missed_lanes(lanes, march.tried, progress)
-        warn_missed(missed, march.tried, result.final_energy_dropped)
+        warn_missed(missed_lanes(lanes, march.tried, progress), march.tried, result.final_energy_dropped)
     return result
 
 

@@ -97,41 +97,6 @@ def varied_by(scene: Scene, scatters: Bounds, conditions: Conditions) -> Scene:
     return jax.tree.map(lambda *a: np.concatenate(a), in_conditions, at_ends)
 
 
-def check_report(
-    scene: Scene,
-    resolved: ResolvedOptions,
-    limits: Limits,
-    scatters: Bounds,
-    conditions: Conditions,
-    counts: tuple[int, int, int],
-    of: RequiredReduction = "P_d",
-) -> None:
-    """Raise an InputError for arguments that a part of the report would refuse, or could say nothing about.
-
-    Args:
-        scene: The design.
-        resolved: The resolved arguments that all verbs share.
-        limits: The limits that are to be kept.
-        scatters: Keys of numbers that scatter, with their bounds.
-        conditions: Keys of operating conditions, with their values.
-        counts: Draws of the scatter, random starts, and the seed of both.
-        of: The reduction that is judged.
-    """
-    check_quantity(of, scene)
-    draws, starts, seed = counts
-    for name in ("most_force", "most_penetration"):
-        if not (value := getattr(limits, name)) > 0:
-            raise InputError(f"Argument `{name}` must be positive, but is {value}.")
-    check_at_least(limits.at_least)
-    count_argument("starts", starts, 1)
-    seed_argument(seed)
-    if scatters:
-        draw_rows(scene, scatters, limits.at_least, draws, seed, resolved, math.prod(map(np.size, conditions.values())))
-    in_conditions = varied_by(scene, {}, conditions)
-    check_vibration(of, in_conditions)
-    check_resonance(of, in_conditions)
-
-
 GAPS = 61  # values of the sweep over the gap
 GAPS_BELOW, GAPS_ABOVE, MIN_GAP_SIZE = 0.75, 2.0, 1e-6  # its range about the gap, in gaps of at least 1 um
 SPEEDS = 0.75, 1.25  # range of drive frequencies, over the drive's own, in which peaks are compared
@@ -221,7 +186,19 @@ def report(
     limits, bounds, conditions = report_request(design, limits, scatters or {}, conditions or {}, tuned, of)
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
     judged_by = of or _reduction_of(tuned, design)
-    check_report(design, resolved, limits, bounds, conditions, (draws, starts, seed), judged_by)
+    check_quantity(judged_by, design)
+    for name in ("most_force", "most_penetration"):
+        if not (value := getattr(limits, name)) > 0:
+            raise InputError(f"Argument `{name}` must be positive, but is {value}.")
+    check_at_least(limits.at_least)
+    count_argument("starts", starts, 1)
+    seed_argument(seed)
+    if bounds:
+        n_conditions = math.prod(map(np.size, conditions.values()))
+        draw_rows(design, bounds, limits.at_least, draws, seed, resolved, n_conditions)
+    in_conditions = varied_by(design, {}, conditions)
+    check_vibration(judged_by, in_conditions)
+    check_resonance(judged_by, in_conditions)
     lanes = len(SINGLE_DIRECTIONS) * max(GAPS, ZOOMS * VALUES)
     blades = design.layout.blades
     check_size(lanes, resolved.transient, resolved.n_periods, blades=blades)

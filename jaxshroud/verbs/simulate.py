@@ -115,8 +115,7 @@ def simulate(
     result = _trajectory(resolved, in_shape(columns, resolved.shape), common)
     warn_failures(result.status, chatter, throw=throw)
     if march.tried is not None:
-        missed = missed_lanes(lanes, march.tried, progress)
-        warn_missed(missed, march.tried, result.energy_dropped)
+        warn_missed(missed_lanes(lanes, march.tried, progress), march.tried, result.energy_dropped)
     return result
 
 
