@@ -187,7 +187,8 @@ def response(
             of a ring from localisation; by default 0, of rows 1.
         n_periods: Drive periods kept of each value of the sweeps; by default 64.
         transient: Drive periods run and discarded first; by default 64.
-        method: How to march: a method, or the accuracy that chooses one; see `method_for`.
+        method: How to march: a method, or the accuracy that chooses one for all parts, by both ends of the range; see
+            `method_for`.
         progress: Called with (lane-periods done, lane-periods in all) of each part; the latter is 0 while it is
             not known.
 
