@@ -73,6 +73,7 @@ from .scene.vary import value_of as value_of
 from .scene.vary import vary as vary
 from .signals.period import periodicity as periodicity
 from .signals.spectrum import amplitude_spectrum as amplitude_spectrum
+from .verbs.arguments import method_for as method_for
 from .verbs.attractors import attractors as attractors
 from .verbs.attractors import basins as basins
 from .verbs.branch import branch as branch
@@ -85,7 +86,6 @@ from .verbs.gradient_ascent import SearchOptions as SearchOptions
 from .verbs.mistune import mistune as mistune
 from .verbs.orbit import lyapunov as lyapunov
 from .verbs.orbit import orbit as orbit
-from .verbs.plan import method_for as method_for
 from .verbs.power import power as power
 from .verbs.reduce import ReducedBlade as ReducedBlade
 from .verbs.reduce import reduce as reduce

@@ -5,11 +5,17 @@ them, quotients of neighbouring steps agree; where they do not, no difference kn
 without a look at what is tested.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax
 import numpy as np
+
+from jaxshroud.orbits.batched_algorithms import run_alone
+from jaxshroud.orbits.gradient import orbit_gradient
+from jaxshroud.results.gradient import Gradient
+from jaxshroud.results.orbit import Orbit
+from jaxshroud.scene.vary import level_of
 
 STEPS = 10.0 ** -np.arange(3, 8.01, 0.5)  # relative
 LEAST = 1e-5  # of value over number: smaller slopes are judged by this size
@@ -49,3 +55,10 @@ def _by(f: Callable[[jax.Array], jax.Array], numbers: jax.Array, h: float) -> np
         return (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * h * np.asarray(numbers)[:, i : i + 1])
 
     return np.stack([along(i) for i in range(numbers.shape[1])], axis=-1)
+
+
+def on_orbit(found: Orbit, wrt: Sequence[str]) -> Gradient:
+    """The exact gradient of P_d on the orbit of a single scene."""
+    cycle = found.cycle()
+    numbers = [[level_of(cycle.scene, key) for key in wrt]]
+    return Gradient.of_slopes([run_alone(orbit_gradient(cycle, wrt, "P_d"))], wrt, "P_d", found, numbers)

@@ -23,7 +23,7 @@ from jaxshroud.cli import commands as cli
 from jaxshroud.cli.command_table import COMMANDS
 from jaxshroud.cli.commands import join_negative_values, parser
 from jaxshroud.scene.config import load
-from jaxshroud.verbs import arguments, asked, stored, trade
+from jaxshroud.verbs import arguments, stored, trade
 from jaxshroud.verbs.tune import tune
 
 ROOT = Path(__file__).parent.parent
@@ -133,7 +133,7 @@ def small(monkeypatch, tmp_path):
     (tmp_path / "nodes.txt").write_text("101,0.02,0.02,0.2\n102,0.02,-0.02,0.2\n")
     monkeypatch.setattr(trade, "SETTINGS", {contact: ways[:2] for contact, ways in trade.SETTINGS.items()})
     monkeypatch.setattr(arguments, "N_PERIODS", 4)
-    monkeypatch.setattr(asked.Asked, "says_nothing", False)  # RK4, whose programs other tests compile too
+    monkeypatch.setattr(arguments.Asked, "says_nothing", False)  # RK4, whose programs other tests compile too
     monkeypatch.setattr(js, "tune", partial(tune, search=js.SearchOptions(4, 1, 1)), raising=False)
     monkeypatch.setattr(stored, "MIN_PART_LANES", 64)
     settled = ['parts.motion=["x"]', "blades.c_x=40", "drive.M_0=0", "run.periods=4", "run.transient=4"]

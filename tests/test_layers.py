@@ -91,7 +91,7 @@ def test_the_scan_sees_imports():
     # Control: a command imports physics at the top, and a type of arguments inside a function.
     assert "scene.schema" in uses()["scene.config"]
     assert "verbs.sweep" in uses()["cli.sweep"]
-    assert "verbs.asked" in uses()["cli.option_table"]
+    assert "verbs.accuracy" in uses()["cli.option_table"]
 
 
 @pytest.mark.parametrize("module", [module for module in INNER if folder(module) not in EDGES])

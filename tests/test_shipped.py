@@ -6,8 +6,7 @@ from jaxshroud import Status, load, scenes_from, shipped, simulate, sweep
 from jaxshroud.march.method import FAST, RungeKutta
 from jaxshroud.march.stability import ACCURACY_LIMIT, largest_frequency
 from jaxshroud.scene.layout import PAIR
-from jaxshroud.verbs.arguments import resolve_options
-from jaxshroud.verbs.plan import plan_march
+from jaxshroud.verbs.arguments import plan_march, resolve_options
 
 pytestmark = pytest.mark.full
 

@@ -18,13 +18,13 @@ from typing import Any, NoReturn
 
 import jaxshroud
 from jaxshroud.cli.command_table import COMMANDS, GROUPS
-from jaxshroud.cli.drawing import failed_pictures
 from jaxshroud.cli.option_table import SHARED_OPTIONS, Option
 from jaxshroud.cli.progress import CommandReport, lines_written, reported
 from jaxshroud.cli.terminal import (
     INTERRUPTED,
     READER_GONE,
     CommandError,
+    failed_pictures,
     interruptible,
     is_numerical_failure,
     one_line,

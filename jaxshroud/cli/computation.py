@@ -10,26 +10,20 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
+from inspect import signature
 from pathlib import Path
 from threading import Thread
-from typing import Any, NamedTuple
+from typing import Any
 
 import jaxshroud
 from jaxshroud.batch.plan import Progress
-from jaxshroud.batch.xla import one_lane
 from jaxshroud.cache.garbage import no_garbage_collected
 from jaxshroud.cli.command_table import COMMANDS
-from jaxshroud.cli.drawing import draw
 from jaxshroud.cli.progress import progress_bar
-from jaxshroud.cli.run_options import (
-    accuracy_warnings_printed,
-    load_scene,
-    may_be_in_closed_form,
-    resolve_march,
-    resolved_options,
-)
+from jaxshroud.cli.run_options import accuracy_warnings_printed, asked_method, load_scene, print_march
 from jaxshroud.cli.terminal import (
     claim_directory,
+    draw,
     files_written,
     input_errors_at,
     print_table,
@@ -37,10 +31,9 @@ from jaxshroud.cli.terminal import (
     warn_status,
 )
 from jaxshroud.io.store import write_json
-from jaxshroud.march.method import FAST, Choices
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
-from jaxshroud.verbs.plan import Trials
+from jaxshroud.verbs.arguments import MarchPlan
 from jaxshroud.version import __version__
 
 DATASETS = ("xarray", "h5netcdf")
@@ -60,22 +53,16 @@ def _import_all(modules: Sequence[str]) -> None:
             import_module(name)
 
 
-class VerbCall(NamedTuple):
-    """A command whose verb is about to be called."""
+@dataclass
+class VerbCall:
+    """A command and the call of its verb."""
 
     file: SceneFile
     options: argparse.Namespace
-    arguments: Mapping[str, Any]  # of the verb, beyond scene and progress
-
-
-class CompletedCall(NamedTuple):
-    """A command whose verb has returned."""
-
-    file: SceneFile
-    options: argparse.Namespace
-    arguments: Mapping[str, Any]
-    result: Any
-    start: float  # of the command [s], by `time.perf_counter`
+    arguments: dict[str, Any]  # of the verb, beyond scene and progress
+    start: float = 0.0  # of the command [s], by `time.perf_counter`
+    march: MarchPlan | None = None  # how the verb marches, as soon as it says so
+    result: Any = None
 
     @property
     def title(self) -> str:
@@ -111,13 +98,7 @@ def call_verb(call: VerbCall, progress: Progress) -> Any:
     return with_origin(verb(call.file.scene, **call.arguments, progress=progress), call.file)
 
 
-def call_with_accuracy_warnings(call: VerbCall, progress: Progress) -> Any:
-    """The same for a verb that warns of runs that miss the accuracy of the options."""
-    with accuracy_warnings_printed():
-        return call_verb(call, progress)
-
-
-def write_files(completed: CompletedCall, summary: dict[str, Any] | None = None) -> None:
+def write_files(completed: VerbCall, summary: dict[str, Any] | None = None) -> None:
     """Write a result: `.nc` the result itself, `.json` its summary, a scene not here, anything else its picture."""
     pictures = []
     for path in (path for path in completed.paths if path.suffix != ".toml"):
@@ -131,63 +112,17 @@ def write_files(completed: CompletedCall, summary: dict[str, Any] | None = None)
         draw(completed.result.plot, *pictures, dpi=completed.options.dpi)
 
 
-def print_result(completed: CompletedCall, rows: Mapping[str, Any], title: str = "") -> None:
+def print_result(completed: VerbCall, rows: Mapping[str, Any], title: str = "") -> None:
     """Warn of runs that stopped early, and print a table that ends with the files written."""
     warn_status(completed.result.status, completed.result.chatter)
     print_table(title or completed.title, {**rows, "written": files_written()})
 
 
-@dataclass(frozen=True, kw_only=True)
-class Computation:
-    """What is special of a command that computes; by default nothing is."""
-
-    # Further overrides of the scene.
-    overrides: Callable[[argparse.Namespace], Sequence[str]] = lambda options: ()
-    # Arguments of the verb that are not in the command's record; wrong options are refused here.
-    prepare: Callable[[SceneFile, argparse.Namespace], Mapping[str, Any]] = lambda file, options: {}
-    # The scenes (leading axis) that the method must suit.
-    scenes: Callable[[VerbCall], Scene] = lambda call: one_lane(call.file.scene)
-    # The method where steps alone are given; None: of a verb without a method.
-    usual: Choices | None = FAST
-    # How methods are tried for an accuracy.
-    trials: Callable[[VerbCall], Trials] = lambda call: {}
-    imports: Sequence[str] = (*DATASETS, *STATISTICS)  # in the background, beside what draws pictures
-    announce: Callable[[VerbCall], None] = lambda call: None  # what is said before the run
-    run: Callable[[VerbCall, Progress], Any] = call_verb
-    output: Callable[[CompletedCall], None]  # writes the result, and prints it in words
-
-    def __call__(self, options: argparse.Namespace) -> None:
-        """Run the command."""
-        command = COMMANDS[options.verb]
-        start = time.perf_counter()
-        file = load_scene(options, self.overrides(options))
-        arguments = {**_plain_arguments(command.arguments, file, options), **self.prepare(file, options)}
-        _claim_output(options)
-        call = self._with_method(VerbCall(file, options, arguments))
-        self.announce(call)
-        with progress_bar(command.unit) as report, input_errors_at(file.name):
-            result = self.run(call, report)
-        self.output(CompletedCall(call.file, call.options, call.arguments, result, start))
-
-    def _with_method(self, call: VerbCall) -> VerbCall:
-        if self.usual is None:
-            return call
-        with input_errors_at(call.file.name):
-            scenes = self.scenes(call)
-        formats = {path.suffix for path in output_paths(call.options)}
-        pictures = (*(PICTURES if ".png" in formats else ()), *(PDF_PICTURES if ".pdf" in formats else ()))
-        import_in_background((*self.imports, *pictures))
-        resolved = resolved_options(call.file, call.options, self.usual)
-        if may_be_in_closed_form(scenes, resolved.asked, call.options):
-            return call._replace(arguments={**call.arguments, "method": resolved.asked})
-        march = resolve_march(resolved, call.file, scenes, call.options, self.usual, **self.trials(call))
-        return call._replace(arguments={**call.arguments, "method": march.again})
-
-
-def _plain_arguments(names: Sequence[str], file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
+def plain_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
     """Arguments of a verb by their names: those of [run] from the scene file, the others from options of that name."""
-    run = {"n_periods": file.run.periods, "transient": file.run.transient}
-    return {name: run[name] if name in run else getattr(options, name) for name in names}
+    known = {**vars(options), "n_periods": file.run.periods, "transient": file.run.transient}
+    _, *names = signature(getattr(jaxshroud, options.verb)).parameters
+    return {name: known[name] for name in names if name in known}
 
 
 def _claim_output(options: argparse.Namespace) -> None:
@@ -196,3 +131,41 @@ def _claim_output(options: argparse.Namespace) -> None:
         claim_directory(options.out, COMMANDS[options.verb].files, options.force)
     else:
         require_free(options.out, options.force)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Computation:
+    """What is special of a command that computes; by default nothing is."""
+
+    load: Callable[[argparse.Namespace], SceneFile] = load_scene
+    # Arguments of the verb that are not options as they are; wrong options are refused here.
+    prepare: Callable[[SceneFile, argparse.Namespace], Mapping[str, Any]] = lambda file, options: {}
+    imports: Sequence[str] = (*DATASETS, *STATISTICS)  # in the background, beside what draws pictures
+    claim: Callable[[argparse.Namespace], None] = _claim_output
+    # What is said before the run, of the scenes (leading axis) that are marched.
+    announce: Callable[[VerbCall, Scene, MarchPlan], None] = lambda call, scenes, march: None
+    run: Callable[[VerbCall, Progress], Any] = call_verb
+    output: Callable[[VerbCall], None]  # writes the result, and prints it in words
+
+    def __call__(self, options: argparse.Namespace) -> None:
+        """Run the command."""
+        command = COMMANDS[options.verb]
+        start = time.perf_counter()
+        file = self.load(options)
+        arguments = {**plain_arguments(file, options), **self.prepare(file, options)}
+        self.claim(options)
+        call = VerbCall(file, options, arguments, start)
+
+        def told(scenes: Scene, march: MarchPlan) -> None:
+            call.march = march
+            print_march(file, options, scenes, march)
+            self.announce(call, scenes, march)
+
+        if hasattr(options, "accuracy"):
+            arguments["method"] = asked_method(file, options)._replace(told=told)
+        formats = {path.suffix for path in call.paths}
+        pictures = (*(PICTURES if ".png" in formats else ()), *(PDF_PICTURES if ".pdf" in formats else ()))
+        import_in_background((*self.imports, *pictures))
+        with accuracy_warnings_printed(), progress_bar(command.unit) as report, input_errors_at(file.name):
+            call.result = self.run(call, report)
+        self.output(call)

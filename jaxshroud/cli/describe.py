@@ -1,7 +1,6 @@
 """The commands that describe scenes and compute no motion: `check`, `explain` and `scenes`."""
 
 import argparse
-import time
 from typing import Any
 
 import jaxshroud
@@ -15,13 +14,11 @@ def check_command(options: argparse.Namespace) -> None:
     from jaxshroud.cli.run_options import load_scene
     from jaxshroud.verbs.sheet_tables import crossing_rows, flow_rows, left_out, lines_of, mode_rows, rows_of
 
-    start = time.perf_counter()
     file = load_scene(options)
-    command = COMMANDS["check"]
     if options.out is not None:
-        claim_directory(options.out, command.files, options.force)
+        claim_directory(options.out, COMMANDS["check"].files, options.force)
     with input_errors_at(file.name):
-        sheet = jaxshroud.check(file, **{name: getattr(options, name) for name in command.arguments})
+        sheet = jaxshroud.check(file, engine_orders=options.engine_orders, start=options.start, stop=options.stop)
     print_columns(file.title or file.name, *rows_of(sheet))
     print_columns("", *mode_rows(sheet))
     if sheet.flow_modes:
@@ -32,27 +29,31 @@ def check_command(options: argparse.Namespace) -> None:
         lines["not shown"] = rest
     lines |= file.notes
     if options.out is not None:
-        _write_sheet(sheet, file, options, start)
+        _write_sheet(sheet, file, options)
         lines["written"] = files_written()
     print_table("", lines)
 
 
-def _write_sheet(sheet: Any, file: Any, options: argparse.Namespace, start: float) -> None:
-    from jaxshroud.cli.computation import CompletedCall, with_origin, write_files
+def _write_sheet(sheet: Any, file: Any, options: argparse.Namespace) -> None:
+    from jaxshroud.cli.computation import VerbCall, with_origin, write_files
 
     campbell = with_origin(sheet.campbell, file)
-    write_files(CompletedCall(file, options, {}, campbell, start), {**campbell.origin, **sheet.summary()})
+    write_files(VerbCall(file, options, {}, result=campbell), {**campbell.origin, **sheet.summary()})
 
 
 def explain_command(options: argparse.Namespace) -> None:
     """Print what the model of a scene consists of."""
-    from jaxshroud.batch.xla import one_lane
-    from jaxshroud.cli.run_options import load_scene, resolve_method
+    from jaxshroud.cli.run_options import asked_method, load_scene, print_march
     from jaxshroud.march.method import FAST, method_of
+    from jaxshroud.verbs.arguments import MarchPlan, choose_method, resolve_options
 
     file = load_scene(options)
-    method, choice = resolve_method(file, one_lane(file.scene), options, FAST)
     with input_errors_at(file.name):
+        resolved = resolve_options(file.scene, method=asked_method(file, options))
+        method, choice = choose_method(resolved, resolved.lanes, FAST, periods=0)
+        march = MarchPlan(0, method, choice)
+        if march.tried or resolved.scene.parts.contact == "none":
+            print_march(file, options, resolved.lanes, march)
         explanation = jaxshroud.explain(file.scene, method_of("auto", method))
     print_table(file.title or file.name, _explanation_rows(explanation, choice))
 

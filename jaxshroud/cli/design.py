@@ -10,15 +10,14 @@ import numpy as np
 
 import jaxshroud
 from jaxshroud.batch.limits import check_size
-from jaxshroud.batch.plan import Plan, Progress
-from jaxshroud.batch.threads import cores
-from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_with_accuracy_warnings, print_result
-from jaxshroud.cli.drawing import draw
+from jaxshroud.batch.plan import Progress
+from jaxshroud.cli.computation import Computation, VerbCall, print_result
 from jaxshroud.cli.progress import progress_bar
-from jaxshroud.cli.projection import LONG_RUN_STEPS, print_projection, projected_seconds
+from jaxshroud.cli.projection import LONG_RUN_STEPS, print_projection_of_long_run
 from jaxshroud.cli.run_options import bounds, limits, load_scene, operating_conditions, scatters
 from jaxshroud.cli.terminal import (
     CommandError,
+    draw,
     files_written,
     input_errors_at,
     print_table,
@@ -26,8 +25,6 @@ from jaxshroud.cli.terminal import (
 )
 from jaxshroud.io.files import write
 from jaxshroud.io.store import write_json
-from jaxshroud.linear.held_contact import is_linear
-from jaxshroud.march.method import FOR_P_D
 from jaxshroud.march.method_names import LARGEST_FIRST
 from jaxshroud.results.base import ORIGIN
 from jaxshroud.results.scatter import Report
@@ -36,20 +33,14 @@ from jaxshroud.scene.csv_text import read_csv
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import parse_key
 from jaxshroud.scene.quantities import is_reduction, unit_of
-from jaxshroud.scene.scene import Scene, without_given
+from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
-from jaxshroud.scene.valid import in_precision
-from jaxshroud.signals.amplitudes import check_vibration, counted_reduction
-from jaxshroud.verbs.arguments import resolve_options
-from jaxshroud.verbs.design_problem import check_comparable, design_corners, problem_of
+from jaxshroud.verbs.arguments import MarchPlan
 from jaxshroud.verbs.gradient_ascent import SearchOptions
-from jaxshroud.verbs.plan import plan_march
-from jaxshroud.verbs.report import report_request, varied_by
-from jaxshroud.verbs.report_sections import MM_PER_M, Limits
-from jaxshroud.verbs.robust import robustness_request
-from jaxshroud.verbs.scattering import scattering_of
+from jaxshroud.verbs.report_sections import MM_PER_M
+from jaxshroud.verbs.scattering import cube_corners
 from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE
-from jaxshroud.verbs.table import check_ranking, checked_designs
+from jaxshroud.verbs.table import checked_designs
 from jaxshroud.verbs.tune import objective_map
 
 MAP_SIDE = 24  # values of each of two keys in the map behind the paths
@@ -73,16 +64,10 @@ def _tune_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, A
     }
 
 
-def _tuning_corners(call: VerbCall) -> Scene:
-    """The scenes at the ends of the bounds; a tuning that cannot be run, or would be too large, is refused."""
-    file, options, arguments = call
-    scattering = scattering_of(arguments["scatters"], options.draws, options.seed, file.layout)
-    robustness_request(scattering is not None, options.loss, options.at_least, options.check_draws, options.motions)
-    of = options.of or counted_reduction(file.scene)
-    problem = problem_of(file.scene, arguments["over"], arguments["conditions"], scattering, of)
-    check_comparable(problem)
-    check_size(problem.runs * _map_side(options) ** 2, file.run.transient, file.run.periods)
-    return design_corners(problem)
+def _check_map(call: VerbCall, corners: Scene, _: MarchPlan) -> None:
+    """Refuse a tuning whose map would be too large, by the scenes at the ends of its bounds."""
+    runs = len(corners.drive.omega) // len(cube_corners(len(call.arguments["over"])))
+    check_size(runs * _map_side(call.options) ** 2, call.file.run.transient, call.file.run.periods)
 
 
 def _map_side(options: argparse.Namespace) -> int:
@@ -92,7 +77,7 @@ def _map_side(options: argparse.Namespace) -> int:
     return MAP_SIDE // (MAP_COARSENING if options.tolerance or options.spread else 1)
 
 
-def _output_tuning(completed: CompletedCall) -> None:
+def _output_tuning(completed: VerbCall) -> None:
     from jaxshroud.plotting.pictures import picture
 
     tuned: Tuned = completed.result
@@ -204,10 +189,10 @@ def _tuning_of_report(options: argparse.Namespace) -> Tuned | None:
     return None if options.tune is None else Tuned.load(options.tune / "tune.nc")
 
 
-def _report_overrides(options: argparse.Namespace) -> list[str]:
-    """The design of the tuning."""
+def _scene_of_report(options: argparse.Namespace) -> SceneFile:
+    """The scene with the design of the tuning."""
     tuned = _tuning_of_report(options)
-    return [] if tuned is None else _overrides_of(tuned)
+    return load_scene(options, [] if tuned is None else _overrides_of(tuned))
 
 
 def _report_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
@@ -216,22 +201,10 @@ def _report_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str,
     return {
         "scatters": {**bounds(file, options.over), **scatters(file, options)},
         "conditions": operating_conditions(file, options),
-        "at_least": options.at_least,
         **limits(file, options),
         "tuned": _tuning_of_report(options),
         "command": f"jaxshroud {shlex.join(sys.argv[1:])}",
     }
-
-
-def _scenes_of_report(call: VerbCall) -> Scene:
-    """The design in all its conditions, and the ends of its scatter."""
-    scene, arguments = call.file.scene, call.arguments
-    stated = Limits(**{name: arguments[name] for name in Limits._fields})
-    _, scatter, conditions = report_request(
-        scene, stated, arguments["scatters"], arguments["conditions"], arguments["tuned"], arguments["of"]
-    )
-    check_vibration(call.options.of or "P_d", varied_by(scene, {}, conditions))
-    return varied_by(scene, scatter, conditions)
 
 
 def _call_report(call: VerbCall, progress: Progress) -> Report:
@@ -239,7 +212,7 @@ def _call_report(call: VerbCall, progress: Progress) -> Report:
     return jaxshroud.report(call.file, **call.arguments, progress=progress)
 
 
-def _output_report(completed: CompletedCall) -> None:
+def _output_report(completed: VerbCall) -> None:
     report: Report = completed.result
     report.save(completed.options.out, dpi=completed.options.dpi)
     reasons = {f"because {i}": reason for i, reason in enumerate(report.reasons, 1)}
@@ -254,32 +227,20 @@ def _table_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, 
     if options.out.suffix not in (".csv", ".nc"):
         raise CommandError(f"--out {options.out}: must end in .csv, the ranked table, or in .nc")
     table = read_csv(options.designs)
-    with input_errors_at(file.name):
-        check_ranking(options.by or counted_reduction(file.scene), file.scene)
     with input_errors_at(str(options.designs)):
         return {"designs": checked_designs(table.columns, file.scene, table.faults, table.decimal_comma)}
 
 
-def _scenes_of_designs(call: VerbCall) -> Scene:
-    return call.arguments["designs"].scenes(call.file.scene)
-
-
-def _print_projection_of_long_table(call: VerbCall) -> None:
+def _print_projection_of_long_table(call: VerbCall, scenes: Scene, march: MarchPlan) -> None:
     """Print what a long table will take."""
-    scenes = without_given(_scenes_of_designs(call))
-    resolved = resolve_options(call.file, method=call.arguments["method"], verb="table")
-    march = plan_march(resolved, scenes, FOR_P_D)
     method = march.method._replace(ledger=True, forces=True, amplitudes=True)
-    plan = Plan(call.arguments["transient"], call.arguments["n_periods"], march.steps, 0.0, method)
+    plan = march._replace(method=method).plan(call.arguments["transient"], call.arguments["n_periods"])
     lanes = len(scenes.drive.omega)
-    if is_linear(scenes) or lanes * (plan.transient + plan.kept) * plan.steps_per_period <= LONG_TABLE_STEPS:
-        return
-    with progress_bar("lane-periods of a trial") as report:
-        seconds = projected_seconds(in_precision(scenes, method.precision), plan, progress=report)
-    print_projection(lanes, plan.kept, seconds, seconds / cores(), lanes_held=min(lanes, MAX_LANES_AT_ONCE))
+    held = min(lanes, MAX_LANES_AT_ONCE)
+    print_projection_of_long_run(scenes, plan, ("independent",), lanes, lanes_held=held, long=LONG_TABLE_STEPS)
 
 
-def _output_table(completed: CompletedCall) -> None:
+def _output_table(completed: VerbCall) -> None:
     result = completed.result
     result.save(completed.options.out)
     rows = {name: value for name, value in result.summary().items() if name not in ORIGIN}
@@ -306,20 +267,10 @@ def _shown_design(best: dict[str, Any] | None) -> dict[str, Any] | None:
     return dict(shown if more <= 0 else [*shown[: -more - SHOWN_LAST], ("further columns", more), *shown[-SHOWN_LAST:]])
 
 
-tune_command = Computation(prepare=_tune_arguments, scenes=_tuning_corners, usual=FOR_P_D, output=_output_tuning)
-report_command = Computation(
-    overrides=_report_overrides,
-    prepare=_report_arguments,
-    scenes=_scenes_of_report,
-    usual=FOR_P_D,
-    run=_call_report,
-    output=_output_report,
-)
+tune_command = Computation(prepare=_tune_arguments, announce=_check_map, output=_output_tuning)
+report_command = Computation(load=_scene_of_report, prepare=_report_arguments, run=_call_report, output=_output_report)
 table_command = Computation(
     prepare=_table_arguments,
-    scenes=_scenes_of_designs,
-    usual=FOR_P_D,
     announce=_print_projection_of_long_table,
-    run=call_with_accuracy_warnings,
     output=_output_table,
 )

@@ -7,30 +7,25 @@ from typing import Any
 import jax
 import numpy as np
 
-import jaxshroud
-from jaxshroud.batch.plan import Plan, Progress
+from jaxshroud.batch.plan import Progress
 from jaxshroud.batch.threads import Interrupted
-from jaxshroud.batch.xla import one_lane
-from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, with_origin, write_files
+from jaxshroud.cli.computation import Computation, VerbCall, call_verb, write_files
 from jaxshroud.cli.projection import print_projection_of_long_run
 from jaxshroud.cli.sweep import RESUME_ADVICE
 from jaxshroud.cli.terminal import CommandError, files_written, print_columns, print_table, warn_status
 from jaxshroud.io.unfinished_store import remove_store
-from jaxshroud.march.method import FOR_P_D
 from jaxshroud.results.extremes import amplitude_words
 from jaxshroud.results.mistuned import Mistuned
 from jaxshroud.scene.file import Axis, SceneFile
-from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.keys import find_key
 from jaxshroud.scene.layout import SINGLE_DIRECTIONS
 from jaxshroud.scene.mistuning import NO_PATTERN
 from jaxshroud.scene.overrides import axis
-from jaxshroud.scene.scene import Scene, without_given
+from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
-from jaxshroud.verbs.arguments import resolve_options
-from jaxshroud.verbs.mistune import pattern_rows, search_size
+from jaxshroud.verbs.arguments import MarchPlan
+from jaxshroud.verbs.mistune import search_size
 from jaxshroud.verbs.mistuned_rows import tuned_store
-from jaxshroud.verbs.plan import plan_march
 from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE
 
 
@@ -64,32 +59,19 @@ def claimed_store(options: argparse.Namespace) -> Path:
     return store
 
 
-def _lanes_of(call: VerbCall, beside_each_other: str = "values") -> Scene:
-    """The scenes of the march (leading axis): the values of a pattern, or the patterns of a value, side by side."""
-    names = ("along", "of", "designs", "sigmas", "n_patterns", "seed")
-    row, patterns = pattern_rows(call.file, *(call.arguments[name] for name in names))
-    scenes = without_given(grid_of_scenes(patterns, {row.along: row.values}))
-    ordered = (lambda a: np.asarray(a)) if beside_each_other == "values" else lambda a: np.swapaxes(np.asarray(a), 0, 1)
-    return jax.tree.map(lambda a: ordered(a).reshape(-1, *np.shape(a)[2:]), scenes)
-
-
-def _scenes_of_march(call: VerbCall) -> Scene:
-    """The scenes that the method must suit; a linear row has no method."""
-    return _lanes_of(call) if "store" in call.arguments else one_lane(call.file.scene)
-
-
-def _print_projection_of_march(call: VerbCall) -> None:
+def _print_projection_of_march(call: VerbCall, scenes: Scene, march: MarchPlan) -> None:
     """Print what a long march will take, the search included."""
     chosen = call.arguments
-    if "store" not in chosen:
-        return
     direction = chosen["direction"]
-    scenes = _lanes_of(call, "values" if direction == "independent" else "patterns")
-    resolved = resolve_options(call.file, method=chosen["method"], verb="mistune")
-    march = plan_march(resolved, scenes, FOR_P_D)
-    method = march.method._replace(amplitudes=True)
-    plan = Plan(chosen["transient"], chosen["n_periods"], march.steps, 0.0, method)
     (values,) = chosen["along"].values()
+    if direction != "independent":  # the patterns of a value run side by side, not the values of a pattern
+
+        def by_value(a):
+            return np.swapaxes(np.reshape(a, (-1, len(values), *np.shape(a)[1:])), 0, 1).reshape(np.shape(a))
+
+        scenes = jax.tree.map(by_value, scenes)
+    method = march.method._replace(amplitudes=True)
+    plan = march._replace(method=method).plan(chosen["transient"], chosen["n_periods"])
     lanes = len(scenes.drive.omega)
     blades = scenes.layout.blades
     size = search_size(chosen["scan"], chosen["starts"], chosen["updates"], None, direction)
@@ -107,14 +89,13 @@ def _print_projection_of_march(call: VerbCall) -> None:
 
 def _run_mistuning(call: VerbCall, progress: Progress) -> Mistuned:
     try:
-        result = jaxshroud.mistune(call.file, **call.arguments, progress=progress)
+        return call_verb(call, progress)
     except Interrupted:
         store = call.arguments.get("store")
         raise KeyboardInterrupt(*([f"{store} with what had ended", RESUME_ADVICE] if store else [])) from None
-    return with_origin(result, call.file)
 
 
-def _output_mistuning(completed: CompletedCall) -> None:
+def _output_mistuning(completed: VerbCall) -> None:
     result: Mistuned = completed.result
     write_files(completed)
     heads = ("design", "sigma", "5 %", "median", "95 %", "largest", "design alone")
@@ -170,8 +151,6 @@ def _search_rows(result: Mistuned) -> dict[str, str]:
 
 mistune_command = Computation(
     prepare=_mistune_arguments,
-    scenes=_scenes_of_march,
-    usual=FOR_P_D,
     announce=_print_projection_of_march,
     run=_run_mistuning,
     output=_output_mistuning,

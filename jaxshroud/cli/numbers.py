@@ -9,13 +9,12 @@ from typing import Any, cast
 
 import numpy as np
 
-from jaxshroud.batch.plan import Progress
-from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_verb, write_files
-from jaxshroud.cli.drawing import draw
+from jaxshroud.cli.computation import Computation, VerbCall, write_files
 from jaxshroud.cli.progress import progress_bar
 from jaxshroud.cli.run_options import bounds, load_scene, scatters
 from jaxshroud.cli.terminal import (
     CommandError,
+    draw,
     files_written,
     input_errors_at,
     print_columns,
@@ -25,7 +24,6 @@ from jaxshroud.cli.terminal import (
 from jaxshroud.io.files import write
 from jaxshroud.io.measurements import read_measurements
 from jaxshroud.io.store import write_json
-from jaxshroud.march.method import FOR_P_D
 from jaxshroud.orbits.bifurcation import grazing_margins
 from jaxshroud.results.fit import Fit, FittedNumber
 from jaxshroud.results.gradient import Gradient
@@ -33,15 +31,9 @@ from jaxshroud.results.scatter import SHARES, Scatter
 from jaxshroud.scene.drive_orders import check_continuous
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import parse_key
-from jaxshroud.scene.quantities import Quantity, is_reduction, unit_of
-from jaxshroud.scene.scene import Scene
-from jaxshroud.signals.amplitudes import check_resonance, check_vibration, counted_reduction
+from jaxshroud.scene.quantities import Quantity, unit_of
 from jaxshroud.signals.effects import Effect, with_interval
-from jaxshroud.verbs.design_problem import design_corners, problem_of
-from jaxshroud.verbs.fit import fit_problem
-from jaxshroud.verbs.fit_models import fit_corners
 from jaxshroud.verbs.gradient import differences
-from jaxshroud.verbs.scattering import scatter_bounds
 
 CHECK_STEPS = (1e-4, 3e-5, 1e-5)  # relative
 
@@ -58,11 +50,6 @@ def _gradient_arguments(file: SceneFile, options: argparse.Namespace) -> dict[st
         require_free(options.out.with_suffix(".png"), options.force)
     if not 0 < options.sigma < float("inf"):
         raise CommandError(f"--sigma must be positive, but is {options.sigma}")
-    of = options.of or counted_reduction(file.scene)
-    if is_reduction(of):
-        with input_errors_at(file.name):
-            check_vibration(of, file.scene)
-            check_resonance(of, file.scene)
     if options.wrt == "all":
         return {"wrt": "all"}
     keys = [*dict.fromkeys(key.strip() for key in options.wrt.split(","))]
@@ -72,12 +59,7 @@ def _gradient_arguments(file: SceneFile, options: argparse.Namespace) -> dict[st
     return {"wrt": keys}
 
 
-def _call_gradient(call: VerbCall, progress: Progress) -> Gradient:
-    with input_errors_at(f"--wrt {call.options.wrt}"):
-        return call_verb(call, progress)
-
-
-def _output_gradient(completed: CompletedCall) -> None:
+def _output_gradient(completed: VerbCall) -> None:
     """Print the derivatives, check them if asked to, and write what was computed."""
     gradient, options = completed.result, completed.options
     print_table(completed.title, _gradient_rows(gradient, with_slopes=not options.relative))
@@ -134,7 +116,7 @@ def _print_effects(gradient: Gradient) -> None:
     print_columns("what matters", heads, [effect.cells for effect in gradient.effects])
 
 
-def _draw_effects(completed: CompletedCall, summary: dict[str, Any]) -> None:
+def _draw_effects(completed: VerbCall, summary: dict[str, Any]) -> None:
     from jaxshroud.plotting.pictures import picture
 
     options = completed.options
@@ -190,19 +172,12 @@ def _relative_error(exact: float, slopes: list[float]) -> float:
 
 
 def _fit_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
-    """The measurements, which are looked at before anything is written, and the bounds."""
+    """The bounds; the measurements are looked at before anything is written."""
     read_measurements(options.measurements)
-    return {"measurements": options.measurements, "over": bounds(file, options.over)}
+    return {"over": bounds(file, options.over)}
 
 
-def _fit_corners(call: VerbCall) -> Scene:
-    """The scenes at the ends of the bounds; a fit that cannot be made is refused."""
-    return fit_corners(
-        fit_problem(call.file.scene, read_measurements(call.options.measurements), call.arguments["over"])
-    )
-
-
-def _output_fit(completed: CompletedCall) -> None:
+def _output_fit(completed: VerbCall) -> None:
     found: Fit = completed.result
     write_files(completed)
     best = load_scene(completed.options, [f"{key}={value!r}" for key, value in found.value.items()])
@@ -239,16 +214,7 @@ def _scatter_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str
     return {"scatters": spreads}
 
 
-def _scatter_corners(call: VerbCall) -> Scene:
-    """The scenes at the ends of the scatter."""
-    scene = call.file.scene
-    of = call.options.of or counted_reduction(scene)
-    if is_reduction(of) and not call.options.over:
-        check_vibration(of, scene)
-    return design_corners(problem_of(scene, scatter_bounds(scene, call.arguments["scatters"]), {}))
-
-
-def _output_scatter(completed: CompletedCall) -> None:
+def _output_scatter(completed: VerbCall) -> None:
     write_files(completed)
     scatter: Scatter = completed.result
     heads = ("number", "low [SI]", "high [SI]", "alone (95 %)", "in all (95 %)")
@@ -273,11 +239,6 @@ def _share_cells(scatter: Scatter, i: int) -> list[str]:
     return [scatter.keys[i], f"{scatter.low[i]:.6g}", f"{scatter.high[i]:.6g}", *shares]
 
 
-gradient_command = Computation(prepare=_gradient_arguments, usual=FOR_P_D, run=_call_gradient, output=_output_gradient)
-fit_command = Computation(prepare=_fit_arguments, scenes=_fit_corners, output=_output_fit)
-scatter_command = Computation(
-    prepare=_scatter_arguments,
-    scenes=_scatter_corners,
-    usual=FOR_P_D,
-    output=_output_scatter,
-)
+gradient_command = Computation(prepare=_gradient_arguments, output=_output_gradient)
+fit_command = Computation(prepare=_fit_arguments, output=_output_fit)
+scatter_command = Computation(prepare=_scatter_arguments, output=_output_scatter)

@@ -109,7 +109,7 @@ def steps(text: str) -> int | str:
 
 def accuracy(text: str) -> str:
     """The name or the number of an accuracy."""
-    from jaxshroud.verbs.asked import NAMED, accuracy_level
+    from jaxshroud.verbs.accuracy import NAMED, accuracy_level
 
     try:
         accuracy_level(text)

@@ -8,21 +8,18 @@ import numpy as np
 
 import jaxshroud
 from jaxshroud.batch.limits import check_size
-from jaxshroud.batch.plan import Progress
 from jaxshroud.cli.computation import (
-    CompletedCall,
     Computation,
     VerbCall,
-    call_verb,
-    call_with_accuracy_warnings,
     print_result,
     with_origin,
     write_files,
 )
-from jaxshroud.cli.drawing import draw
 from jaxshroud.cli.progress import progress_bar
+from jaxshroud.cli.run_options import load_scene
 from jaxshroud.cli.terminal import (
     CommandError,
+    draw,
     files_written,
     input_errors_at,
     print_columns,
@@ -30,7 +27,6 @@ from jaxshroud.cli.terminal import (
     refuse_existing,
 )
 from jaxshroud.io.store import write_json
-from jaxshroud.march.method import FOR_P_D
 from jaxshroud.model.modes import Status
 from jaxshroud.results.attractors import Attractors
 from jaxshroud.results.branch import Branch
@@ -39,11 +35,9 @@ from jaxshroud.results.orbit import Orbit
 from jaxshroud.results.response import Response
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.keys import find_key
 from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.overrides import axis
-from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
 from jaxshroud.signals.effects import between, exponent_text, with_interval
 
@@ -55,7 +49,7 @@ IN_ATTRACTORS_TABLE = ("starts", "undecided or stopped", "worst", "method", "sec
 # One motion
 
 
-def _output_orbit(completed: CompletedCall) -> None:
+def _output_orbit(completed: VerbCall) -> None:
     orbit: Orbit = completed.result
     write_files(completed)
     rows = {"motion": f"no orbit; {orbit.periods} periods simulated"}
@@ -74,14 +68,14 @@ def _output_orbit(completed: CompletedCall) -> None:
     print_result(completed, {**rows, "flags": ", ".join(orbit.flags) or "none", **_run_rows(completed)})
 
 
-def _run_rows(completed: CompletedCall) -> dict[str, Any]:
+def _run_rows(completed: VerbCall) -> dict[str, Any]:
     """How the run ended, and how it was marched."""
     result = completed.result
     method = f"{result.method}, {result.steps_per_period} steps a period"
     return {"status": result.summary()["status"], "method": method}
 
 
-def _output_exponents(completed: CompletedCall) -> None:
+def _output_exponents(completed: VerbCall) -> None:
     result: Lyapunov = completed.result
     write_files(completed)
     texts = [exponent_text(*pair, result.stuck) for pair in zip(result.exponents, result.ci, strict=True)]
@@ -127,13 +121,7 @@ def _family(file: SceneFile, options: argparse.Namespace) -> dict[str, np.ndarra
     return {key.strip(): axis(file, key.strip(), values).values}
 
 
-def _ends_of_range(call: VerbCall) -> Scene:
-    """The scenes at both ends of the range."""
-    start, stop = call.arguments["start"], call.arguments["stop"]
-    return scenes_at(call.file.scene, [call.arguments["along"]], np.array([[start], [stop]]))
-
-
-def _output_response(completed: CompletedCall) -> None:
+def _output_response(completed: VerbCall) -> None:
     write_files(completed)
     result: Response = completed.result
     unit = result.data["peak_amplitude"].attrs["units"]
@@ -204,23 +192,23 @@ def _jump_rows(result: Response) -> dict[str, str]:
 # Branch
 
 
-def _branch_overrides(options: argparse.Namespace) -> list[str]:
-    """The value at which a branch begins."""
-    return [] if options.at is None else [f"{options.along}={options.at}"]
+def _scene_of_branch(options: argparse.Namespace) -> SceneFile:
+    """The scene at the value at which a branch begins."""
+    return load_scene(options, [] if options.at is None else [f"{options.along}={options.at}"])
 
 
 def _branch_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
-    """The ends of the range."""
+    """The ends of the range; where to begin, the scene says."""
     values = _values_in_range(file, options, options.along)
     if options.num:
         refuse_existing(options.out / BACKGROUND_FILE, options.force)
-    return {"start": float(values.min()), "stop": float(values.max())}
+    return {"start": float(values.min()), "stop": float(values.max()), "at": None}
 
 
-def _background_sweep(completed: CompletedCall) -> SweepResult | None:
+def _background_sweep(completed: VerbCall) -> SweepResult | None:
     """The sweep that is drawn behind a branch, by the same method; it is stored too."""
-    file, options = completed.file, completed.options
-    if not options.num:
+    file, options, march = completed.file, completed.options, completed.march
+    if not options.num or march is None:
         return None
     values = _values_in_range(file, options, options.along, max(options.num, 2))
     run = file.sweep_run
@@ -231,7 +219,7 @@ def _background_sweep(completed: CompletedCall) -> SweepResult | None:
             {options.along: values},
             n_periods=run.periods,
             transient=run.transient,
-            method=completed.arguments["method"],
+            method=march.again,
             amplitudes=file.layout != PAIR,
             progress=report,
         )
@@ -239,7 +227,7 @@ def _background_sweep(completed: CompletedCall) -> SweepResult | None:
     return sweep
 
 
-def _output_branch(completed: CompletedCall) -> None:
+def _output_branch(completed: VerbCall) -> None:
     branch: Branch = completed.result
     dataset_path, picture_path, summary_path = completed.paths
     branch.save(dataset_path)
@@ -248,8 +236,6 @@ def _output_branch(completed: CompletedCall) -> None:
     write_json(summary, summary_path)
     for line in branch.messages:
         print(line, file=sys.stderr)
-    for line in branch.doubts:
-        print(f"warning: {line}", file=sys.stderr)
     _print_special_points(branch, completed.options.along)
     rows = {name: value for name, value in summary.items() if name not in NOT_IN_BRANCH_TABLE}
     print_table(completed.title, {**rows, "written": files_written()})
@@ -297,12 +283,7 @@ def _plane_ranges(file: SceneFile, plane: list[str], options: argparse.Namespace
     return [(float(values.min()), float(values.max())) for values in axes]
 
 
-def _call_basins(call: VerbCall, progress: Progress) -> Any:
-    with input_errors_at(f"--plane {call.options.plane}"):
-        return call_verb(call, progress)
-
-
-def _output_attractors(completed: CompletedCall) -> None:
+def _output_attractors(completed: VerbCall) -> None:
     attractors: Attractors = completed.result
     summary = {**attractors.summary(), "seconds": completed.seconds}
     write_files(completed, summary)
@@ -326,21 +307,9 @@ def _output_attractors(completed: CompletedCall) -> None:
     print_result(completed, {**rows, "worst": attractors.worst_text})
 
 
-orbit_command = Computation(usual=FOR_P_D, output=_output_orbit)
+orbit_command = Computation(output=_output_orbit)
 lyapunov_command = Computation(output=_output_exponents)
-response_command = Computation(
-    prepare=_response_arguments,
-    scenes=_ends_of_range,
-    usual=FOR_P_D,
-    run=call_with_accuracy_warnings,
-    output=_output_response,
-)
-branch_command = Computation(
-    overrides=_branch_overrides,
-    prepare=_branch_arguments,
-    scenes=_ends_of_range,
-    usual=FOR_P_D,
-    output=_output_branch,
-)
-attractors_command = Computation(usual=FOR_P_D, output=_output_attractors)
-basins_command = Computation(prepare=_basins_arguments, usual=FOR_P_D, run=_call_basins, output=_output_attractors)
+response_command = Computation(prepare=_response_arguments, output=_output_response)
+branch_command = Computation(load=_scene_of_branch, prepare=_branch_arguments, output=_output_branch)
+attractors_command = Computation(output=_output_attractors)
+basins_command = Computation(prepare=_basins_arguments, output=_output_attractors)

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import timedelta
+from typing import Any
 
 from jaxshroud.activity import Piece, innermost_piece, is_compiling, seconds_compiling
 
@@ -114,6 +115,7 @@ class SilentReport(ProgressReport):
 
 
 _open_reports: list[ProgressReport] = []  # the innermost last
+_open_bars: list[Any] = []  # of which the innermost is shown
 
 
 @contextmanager
@@ -171,14 +173,23 @@ def progress_bar(unit: str) -> Iterator[Callable[[float, int], None]]:
         def render(self, task):
             return Text(str(report))
 
+    outer = _open_bars[-1:]
+    for bar in outer:
+        bar.stop()
     with (
         reported(SilentReport(unit)),
         Progress(BarColumn(BAR_WIDTH), Told(""), console=console, transient=True) as bar,
     ):
+        _open_bars.append(bar)
         task = bar.add_task(unit, total=None)
 
         def update(done: float, total: int) -> None:
             report(done, total)
             bar.update(task, completed=done, total=total or None)
 
-        yield update
+        try:
+            yield update
+        finally:
+            _open_bars.remove(bar)
+    for bar in outer:
+        bar.start()

@@ -142,6 +142,7 @@ def print_projection_of_long_run(
     lanes_held: int | None = None,
     samples: bool = False,
     place: str = "",
+    long: int = LONG_RUN_STEPS,
 ) -> None:
     """Print what a sweep will take that is long, by short trials.
 
@@ -155,11 +156,12 @@ def print_projection_of_long_run(
         lanes_held: Lanes whose samples are in memory at once; None: all.
         samples: Whether results hold samples.
         place: Where results are stored.
+        long: The steps of all lanes of pairs together beyond which it is long.
     """
     lanes = len(scenes.drive.omega) * len(directions)
     periods = plan.transient + plan.kept
     slowness = 1 if directions == ("independent",) else max(LANES_PER_LONE_LANE // lanes_per_value, 1)
-    if not _is_long(round(slowness * lanes * repeats), periods, plan.steps_per_period, scenes):
+    if not _is_long(round(slowness * lanes * repeats), periods, plan.steps_per_period, scenes, long):
         return
     scenes = in_precision(scenes, plan.method.precision)
     cpu, wall = _projected_times(scenes, plan, directions, lanes_per_value)
@@ -169,7 +171,7 @@ def print_projection_of_long_run(
     print_projection(lanes, kept, repeats * cpu, wall_told, **held)
 
 
-def _is_long(lanes: int, periods: int, steps: int, scenes: Scene) -> bool:
+def _is_long(lanes: int, periods: int, steps: int, scenes: Scene, long: int) -> bool:
     """Whether a run of lanes takes so long that it is projected.
 
     Args:
@@ -177,12 +179,13 @@ def _is_long(lanes: int, periods: int, steps: int, scenes: Scene) -> bool:
         periods: Drive periods of each.
         steps: Steps in a period.
         scenes: Their scenes.
+        long: The steps of all lanes of pairs beyond which it does.
     """
     layout = scenes.layout
     if is_linear(scenes):
         return False
     if layout == PAIR:
-        return lanes * periods * steps > LONG_RUN_STEPS
+        return lanes * periods * steps > long
     trials = steps + (EVENT_STEPS * layout.blades if "theta" in scenes.parts.motion else 0)
     width = lanes_per_call(layout)
     full = lanes if lanes == 1 else -(-lanes // width) * width

@@ -5,26 +5,22 @@ import sys
 import warnings
 from collections.abc import Sequence
 from contextlib import contextmanager
-from typing import Unpack
 
-from jaxshroud.cli.progress import progress_bar
 from jaxshroud.cli.terminal import CommandError, input_errors_at
 from jaxshroud.io.lane_status import AccuracyWarning
 from jaxshroud.linear.held_contact import is_linear
-from jaxshroud.march.method import Choices, Method, RungeKutta, Taylor
+from jaxshroud.march.method import FAST, REFERENCE, Method, RungeKutta, Taylor
 from jaxshroud.march.stability import step_report, stiffest
 from jaxshroud.scene.config import load
-from jaxshroud.scene.file import Axis, SceneFile
+from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import KNOW_LINEAR
 from jaxshroud.scene.overrides import axis, size_in_si
 from jaxshroud.scene.scene import Scene, without_given
-from jaxshroud.verbs.arguments import ResolvedOptions, check_verb, resolve_options
-from jaxshroud.verbs.asked import Asked, Choice, MarchPlan
-from jaxshroud.verbs.plan import Trials, choose_method, plan_march
-from jaxshroud.verbs.settled import default_state, in_state, settling_advice, settling_periods
+from jaxshroud.verbs.arguments import Asked, MarchPlan, asked_by
+from jaxshroud.verbs.lanes import check_verb
+from jaxshroud.verbs.settled import in_state, settling_advice, settling_periods
 
 METHOD_OPTIONS = ("tableau", "order", "step_tolerance", "locate", "precision")
-TRIAL_UNIT = "lane-periods of a trial of a method"  # of progress
 CHOSEN_BY_ACCURACY = ("steps_per_period", *METHOD_OPTIONS)
 
 
@@ -44,80 +40,21 @@ def load_scene(options: argparse.Namespace, overrides: Sequence[str] = ()) -> Sc
     return file
 
 
-def resolve_march(
-    resolved: ResolvedOptions,
-    file: SceneFile,
-    scenes: Scene,
-    options: argparse.Namespace,
-    usual: Choices,
-    **trials: Unpack[Trials],
-) -> MarchPlan:
-    """How scenes (leading axis) are marched: refused where it is unstable, with a warning where it is inaccurate.
-
-    Args:
-        resolved: The options, see `resolved_options`.
-        file: Where the scenes come from.
-        scenes: The scenes.
-        options: Of the command line.
-        usual: The method where steps alone are given, with a ledger or without.
-        trials: How methods are tried.
-    """
-    with accuracy_warnings_printed(), input_errors_at(f"{file.name}: [run]"), progress_bar(TRIAL_UNIT) as report:
-        trials["progress"] = report
-        march = plan_march(resolved, scenes, usual, **trials)
-    _print_choice(file, scenes, march.tried, options)
-    if is_linear(scenes):
-        print(f"{file.name}: contact that stays {scenes.parts.contact}, in closed form", file=sys.stderr)
-    elif march.tried is None and scenes.parts.contact != "none":
-        _print_steps(file, scenes, march)
-    if not is_linear(scenes) and options.verb in KNOW_LINEAR:
-        _print_settling(file, scenes)
-    return march
+def asked_method(file: SceneFile, options: argparse.Namespace) -> Asked:
+    """How to march as the options say, else the file's [run], which has their steps already."""
+    given = [name for name in CHOSEN_BY_ACCURACY if getattr(options, name) is not None]
+    if given and options.accuracy is not None:
+        raise CommandError(f"--accuracy chooses --{given[0].replace('_', '-')} itself; give one of them")
+    named = any(name in METHOD_OPTIONS for name in given)
+    asked = asked_by(_method_of_options(options) if named else options.accuracy, file.run)
+    return asked._replace(by_argument=asked.by_argument or bool(given))
 
 
-def _print_settling(file: SceneFile, scenes: Scene) -> None:
-    """Say how long light damping takes, where the transient is shorter."""
-    needed = settling_periods(without_given(scenes))
-    discarded = f", {file.run.transient} are discarded"
-    advice = settling_advice(needed, scenes.parts.contact != "none", discarded)
-    if advice and needed > file.run.transient:
-        print(f"{file.name}: {advice}", file=sys.stderr)
-
-
-def may_be_in_closed_form(scenes: Scene, asked: Asked, options: argparse.Namespace) -> bool:
-    """Whether the verb takes the closed form of scenes (leading axis), unless the options say how to march."""
-    if options.verb not in KNOW_LINEAR or options.linear is not None:
-        return False
-    says_how = any(getattr(options, name) is not None for name in ("accuracy", *CHOSEN_BY_ACCURACY))
-    return not says_how and default_state(scenes, asked) is not None
-
-
-def resolve_method(
-    file: SceneFile, scenes: Scene, options: argparse.Namespace, usual: Choices
-) -> tuple[Choices, Choice | None]:
-    """The same without steps, which may be too long, and by the word of the table where it has one."""
-    resolved = resolved_options(file, options, usual)
-    with input_errors_at(f"{file.name}: [run]"), progress_bar(TRIAL_UNIT) as report:
-        method, choice = choose_method(resolved, scenes, usual, periods=0, progress=report)
-    _print_choice(file, scenes, MarchPlan(0, method, choice).tried, options)
-    return method, choice
-
-
-def resolved_options(file: SceneFile, options: argparse.Namespace, usual: Choices) -> ResolvedOptions:
-    """The options resolved with the file's [run], which has their steps already."""
-    for name in CHOSEN_BY_ACCURACY:
-        if options.accuracy is not None and getattr(options, name) is not None:
-            raise CommandError(f"--accuracy chooses --{name.replace('_', '-')} itself; give one of them")
-    named = any(getattr(options, name) is not None for name in METHOD_OPTIONS)
-    method = _method_of_options(options, usual) if named else options.accuracy
-    with input_errors_at(f"{file.name}: [run]"):
-        return resolve_options(file, method=method)
-
-
-def _method_of_options(options: argparse.Namespace, usual: Choices) -> Method:
+def _method_of_options(options: argparse.Namespace) -> Method:
     """The method that the options name, as is usual where they do not say."""
     numbers = {"order": options.order, "tolerance": options.step_tolerance}
     numbers = {name: value for name, value in numbers.items() if value is not None}
+    usual = REFERENCE if options.verb == "simulate" else FAST
     precision = options.precision or usual.precision
     if options.tableau == "taylor":
         if options.locate not in (None, "series"):
@@ -128,11 +65,28 @@ def _method_of_options(options: argparse.Namespace, usual: Choices) -> Method:
     return RungeKutta(options.tableau or usual.rk, None, options.locate or usual.locate, precision)
 
 
-def _print_choice(file: SceneFile, scenes: Scene, choice: Choice | None, options: argparse.Namespace) -> None:
+def print_march(file: SceneFile, options: argparse.Namespace, scenes: Scene, march: MarchPlan) -> None:
+    """Say how scenes (leading axis) are marched, with a warning where it is inaccurate."""
+    choice = march.choice
+    is_judged = options.verb in KNOW_LINEAR and not is_linear(scenes)
     if choice is not None:
-        print(f"{file.name}: {choice}", file=sys.stderr)
-    elif options.accuracy is not None and scenes.parts.contact == "none":
+        print(f"{'' if march.tried else 'warning: '}{file.name}: {choice}", file=sys.stderr)
+    elif is_linear(scenes):
+        print(f"{file.name}: contact that stays {scenes.parts.contact}, in closed form", file=sys.stderr)
+    elif scenes.parts.contact != "none":
+        _print_steps(file, scenes, march)
+    elif options.accuracy is not None:
         print(f"{file.name}: without contact the motion is in closed form; --accuracy has no choice", file=sys.stderr)
+    if is_judged and (advice := _settling_advice(file, scenes)):
+        print(f"{file.name}: {advice}", file=sys.stderr)
+
+
+def _settling_advice(file: SceneFile, scenes: Scene) -> str:
+    """How long light damping takes, where the transient is shorter."""
+    needed = settling_periods(without_given(scenes))
+    discarded = f", {file.run.transient} are discarded"
+    advice = settling_advice(needed, scenes.parts.contact != "none", discarded)
+    return advice if needed > file.run.transient else ""
 
 
 def _print_steps(file: SceneFile, scenes: Scene, march: MarchPlan) -> None:
@@ -159,28 +113,29 @@ def accuracy_warnings_printed():
 
 def bounds(file: SceneFile, texts: Sequence[str]) -> dict[str, tuple[float, float]]:
     """Numbers with their lower and upper bounds [SI], from --over KEY=LOW:HIGH."""
-    return {a.key: (float(a.values[0]), float(a.values[1])) for a in (_bounds_axis(file, text) for text in texts)}
+    return dict(_bounds(file, text) for text in texts)
 
 
-def _bounds_axis(file: SceneFile, text: str) -> Axis:
+def _bounds(file: SceneFile, text: str) -> tuple[str, tuple[float, float]]:
     key, _, ends = text.partition("=")
     if ends.count(":") != 1:
         raise CommandError(f"--over {text}: is not KEY=LOW:HIGH, e.g. --over shroud.gap=5um:200um")
-    return axis(file, key.strip(), ends.split(":"), where=f"--over {key}")
+    low, high = axis(file, key.strip(), ends.split(":"), where=f"--over {key}").values.tolist()
+    return key.strip(), (low, high)
 
 
 def operating_conditions(file: SceneFile, options: argparse.Namespace) -> dict[str, list[float]]:
     """Operating conditions with their values [SI], from --range KEY=A,B,C."""
-    return {a.key: a.values.tolist() for a in (_range_axis(file, text) for text in options.range)}
+    return dict(_condition(file, text) for text in options.range)
 
 
-def _range_axis(file: SceneFile, text: str) -> Axis:
+def _condition(file: SceneFile, text: str) -> tuple[str, list[float]]:
     key, _, values = text.partition("=")
     if not values:
         raise CommandError(f"--range {text}: is not KEY=A,B,C, e.g. --range drive.F_0=20,40,60,80")
     if "," not in values:
         raise CommandError(f"--range {text}: is a single condition, which is given by --set {text}")
-    return axis(file, key.strip(), values, where=f"--range {key}")
+    return key.strip(), axis(file, key.strip(), values, where=f"--range {key}").values.tolist()
 
 
 def limits(file: SceneFile, options: argparse.Namespace) -> dict[str, float]:

@@ -7,61 +7,37 @@ from typing import Any
 
 import numpy as np
 
-from jaxshroud.batch.limits import STEP_BYTES, check_memory, check_size
-from jaxshroud.batch.plan import Progress
 from jaxshroud.cli.computation import (
     DATASETS,
-    CompletedCall,
     Computation,
     VerbCall,
-    call_with_accuracy_warnings,
     print_result,
     write_files,
 )
-from jaxshroud.cli.terminal import CommandError, files_written, input_errors_at, print_columns
-from jaxshroud.io.restart import StoredEnd, stored_end
-from jaxshroud.march.method import FOR_P_D_WITH_LEDGER, REFERENCE
-from jaxshroud.march.tableau import MIN_STEPS
+from jaxshroud.cli.terminal import CommandError, files_written, print_columns
+from jaxshroud.io.restart import stored_end
 from jaxshroud.model.modes import Status
-from jaxshroud.orbits.short_runs import trajectory_ends
 from jaxshroud.results.amplitudes import amplitude_numbers, load_numbers
 from jaxshroud.results.extremes import amplitude_words
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.layout import PAIR
-from jaxshroud.signals.amplitudes import check_vibration, is_preloaded
+from jaxshroud.signals.amplitudes import is_preloaded
 from jaxshroud.signals.effects import with_interval
-from jaxshroud.verbs.arguments import check_row
-from jaxshroud.verbs.asked import LEVELS
+from jaxshroud.verbs.accuracy import LEVELS
 
 
 def _simulate_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
-    """The stored end that the run goes on from, or the start of the scene."""
+    """The stored end that the run goes on from, if any; what differs from its scene is printed."""
     if options.out.suffix != ".nc":
         raise CommandError(f"{options.out}: a trajectory needs a name that ends in .nc")
-    _check_run_memory(file, options)
-    start = StoredEnd(None, 0.0, 0.0, ())
-    return {"begin": start if options.earlier is None else stored_end(options.earlier, file)}
-
-
-def _check_run_memory(file: SceneFile, options: argparse.Namespace) -> None:
-    """Refuse what would not fit into memory, before anything is compiled."""
-    steps = file.run.steps_per_period
-    least = MIN_STEPS if steps is None or steps == "auto" or options.accuracy else steps
-    with input_errors_at(file.name):
-        check_memory("what is stored of this run", file.run.periods * least // options.every * STEP_BYTES)
-
-
-def _simulate_from_end(call: VerbCall, progress: Progress) -> Any:
-    """Go on from a stored end; what differs from its scene is printed."""
-    arguments = dict(call.arguments)
-    begin: StoredEnd = arguments.pop("begin")
+    if options.earlier is None:
+        return {}
+    begin = stored_end(options.earlier, file)
     if begin.differences:
         print(f"going on from another scene: {'; '.join(begin.differences)}", file=sys.stderr)
-    arguments |= {"state": begin.state, "turns": begin.turns, "t": begin.t}
-    return call_with_accuracy_warnings(call._replace(arguments=arguments), progress)
+    return {"state": begin.state, "turns": begin.turns, "t": begin.t}
 
 
-def _output_run(completed: CompletedCall) -> None:
+def _output_run(completed: VerbCall) -> None:
     write_files(completed)
     run = completed.result
     rows = {
@@ -81,7 +57,7 @@ def energy_rows(run: Any) -> dict[str, str]:
     }
 
 
-def _output_diagnosis(completed: CompletedCall) -> None:
+def _output_diagnosis(completed: VerbCall) -> None:
     write_files(completed)
     from jaxshroud.plotting.plot_diagnosis import diagnosis_rows
 
@@ -89,19 +65,14 @@ def _output_diagnosis(completed: CompletedCall) -> None:
     print_result(completed, {**rows, "evidence": completed.result.evidence})
 
 
-def _power_arguments(file: SceneFile, options: argparse.Namespace) -> Mapping[str, Any]:
-    """None beyond those of the record, which are checked."""
+def _power_arguments(_: SceneFile, options: argparse.Namespace) -> Mapping[str, Any]:
+    """None beyond the options, which are checked."""
     if not options.stable_within > 0:
         raise CommandError(f"--tolerance must be positive, but is {options.stable_within}")
-    with input_errors_at(file.name):
-        if file.layout != PAIR:
-            check_row(file.scene)
-        check_size(1, file.run.transient, file.run.periods)
-        check_vibration("P_d", file.scene)
     return {}
 
 
-def _output_power(completed: CompletedCall) -> None:
+def _output_power(completed: VerbCall) -> None:
     write_files(completed)
     final = completed.result.final
     of_vibration = {"P_d of the vibration": with_interval(final["P_d_vibration"], final["P_d_vibration_ci"], "%")}
@@ -134,7 +105,7 @@ def _in_units_of_pictures(numbers: Mapping[str, Any]) -> Iterator[tuple[str, Any
             yield head, amplitude_words(f"{head.split()[-1]}_peak", value)
 
 
-def _output_trade(completed: CompletedCall) -> None:
+def _output_trade(completed: VerbCall) -> None:
     write_files(completed)
     heads = ("accuracy of the state", "cheapest setting", "steps", "us / lane / period", "error", "P_d [%]")
     rows = [(f"{level:.0e}", *_cheapest_cells(completed.result, level)) for level in LEVELS]
@@ -158,14 +129,9 @@ def _cheapest_cells(trade: Any, level: float) -> tuple[str, ...]:
 
 simulate_command = Computation(
     prepare=_simulate_arguments,
-    usual=REFERENCE,
-    trials=lambda call: {"periods": call.arguments["n_periods"], "ends": trajectory_ends},
     imports=DATASETS,
-    run=_simulate_from_end,
     output=_output_run,
 )
-diagnose_command = Computation(usual=FOR_P_D_WITH_LEDGER, run=call_with_accuracy_warnings, output=_output_diagnosis)
-power_command = Computation(
-    prepare=_power_arguments, usual=FOR_P_D_WITH_LEDGER, run=call_with_accuracy_warnings, output=_output_power
-)
-trade_command = Computation(usual=None, output=_output_trade)
+diagnose_command = Computation(output=_output_diagnosis)
+power_command = Computation(prepare=_power_arguments, output=_output_power)
+trade_command = Computation(output=_output_trade)

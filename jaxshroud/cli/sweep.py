@@ -3,51 +3,45 @@
 import argparse
 import math
 import sys
-import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NoReturn
 
-import jax
 import numpy as np
 
-from jaxshroud.batch.limits import check_size, results_size
-from jaxshroud.batch.plan import Plan
+from jaxshroud.batch.limits import results_size
+from jaxshroud.batch.plan import Progress
 from jaxshroud.batch.threads import Interrupted
-from jaxshroud.cli.computation import DATASETS, PICTURES, STATISTICS, import_in_background, with_origin
-from jaxshroud.cli.drawing import draw
+from jaxshroud.cli.computation import DATASETS, PICTURES, STATISTICS, Computation, VerbCall, call_verb, with_origin
 from jaxshroud.cli.option_table import Along, count
-from jaxshroud.cli.progress import progress_bar
 from jaxshroud.cli.projection import print_projection_of_long_run
-from jaxshroud.cli.run_options import accuracy_warnings_printed, load_scene, resolve_march, resolved_options
+from jaxshroud.cli.run_options import load_scene
 from jaxshroud.cli.terminal import (
     CommandError,
     claim_directory,
+    draw,
     files_written,
-    input_errors_at,
     print_table,
     warn_status,
 )
 from jaxshroud.io.files import place_of, written_files
 from jaxshroud.io.store import write_json
 from jaxshroud.io.unfinished_store import remove_store, write_attributes
-from jaxshroud.march.method import FOR_P_D, FOR_P_D_WITH_LEDGER
 from jaxshroud.model.modes import Status
 from jaxshroud.results.extremes import passed_sides
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.checks import MAX_VALUES
 from jaxshroud.scene.file import Axis, SceneFile
-from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.keys import parse_key
 from jaxshroud.scene.layout import SINGLE_DIRECTIONS
 from jaxshroud.scene.overrides import axis
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
 from jaxshroud.signals.effects import with_interval
-from jaxshroud.verbs.arguments import check_row
-from jaxshroud.verbs.asked import MarchPlan
-from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE, sweep
+from jaxshroud.verbs.arguments import MarchPlan
+from jaxshroud.verbs.lanes import check_row
+from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE
 
 BARE_AMPLITUDES = ("largest amplitude of x [m]", "largest amplitude of y [m]", "largest amplitude of theta [rad]")
 DOUBTED = {  # of runs that a result marks, by the names of the marks
@@ -59,65 +53,22 @@ RESUME_ADVICE = "; the same command with --resume goes on"
 MOST_IN_FILE = 2**30  # bytes of results that are held in memory, and written at the end as one file
 
 
-class SweepRequest(NamedTuple):
-    """A sweep whose options are in order."""
-
-    file: SceneFile
-    options: argparse.Namespace
-    store: Path | None  # where it is stored block by block; None: in one file
-    start: float  # of the command [s], by `time.perf_counter`
-
-    @property
-    def lanes(self) -> int:
-        """How many lanes there are."""
-        return _lane_count(self.file)
-
-    @property
-    def row_lanes(self) -> int:
-        """How many lanes each value of the first key has."""
-        return math.prod(a.values.size for a in self.file.axes[1:])
-
-    @property
-    def lanes_held(self) -> int | None:
-        """How many lanes have their samples in memory at once; None: all."""
-        in_blocks = self.store is not None or self.options.no_samples
-        return min(self.lanes, MAX_LANES_AT_ONCE) if in_blocks else None
+def _scene_of_sweep(options: argparse.Namespace) -> SceneFile:
+    """The scene with the axes of the sweep."""
+    return with_axes(load_scene(options), options)
 
 
-def sweep_command(options: argparse.Namespace) -> None:
-    """Simulate a scene for many values of its numbers."""
-    file = with_axes(load_scene(options), options)
+def _sweep_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
+    """The axes, and the store."""
     _check_numbers(options)
     check_row(file.scene, lyapunov=options.lyapunov)
-    start = time.perf_counter()
-    request = SweepRequest(file, options, _claim_store(file, options), start)
-    with input_errors_at(file.name):
-        run, blades = file.sweep_run, file.layout.blades
-        check_size(request.lanes, run.transient, run.periods, request.lanes_held, blades)
-    scenes = _scenes_of_lanes(file)
-    periods = file.sweep_run.transient + file.sweep_run.periods
-    import_in_background((*DATASETS, *STATISTICS, *PICTURES))
-    usual = FOR_P_D_WITH_LEDGER if options.ledger else FOR_P_D
-    march = resolve_march(resolved_options(file, options, usual), file, scenes, options, usual, periods=periods)
-    _print_projection_of_long_run(request, scenes, march)
-    result = _sweep(request, march)
-    _write(request, result)
-    summary = _summary(request, result)
-    if result.accuracy is not None:
-        summary |= {"accuracy": result.accuracy.removeprefix("accuracy ")}
-    store = "sweep.nc" if request.store is None else request.store.name
-    for name, do in DOUBTED.items():
-        lanes = getattr(result, name)
-        if lanes is not None:
-            of = f" of {march.tried.accuracy:.0e}" if march.tried else ""
-            words = f"{lanes.sum()} of {lanes.size} runs" + f" {do.format(store=store, of=of)}" * bool(lanes.any())
-            summary |= {name: {"runs": int(lanes.sum()), "words": words}}
-    write_json(summary, options.out / "summary.json")
-    warn_status(result.status, result.chatter)
-    for line in passed_sides(result):
-        print(f"warning: {line}", file=sys.stderr)
-    shown = {**_in_words(summary), **_best_row(summary), **_jump_places(result), "written": files_written()}
-    print_table(file.title or file.name, shown)
+    return {
+        "along": {a.key: a.values for a in file.axes},
+        "n_periods": file.sweep_run.periods,
+        "direction": file.direction,
+        "keep_samples": not options.no_samples,
+        "store": _claim_store(file, options),
+    }
 
 
 def _check_numbers(options: argparse.Namespace) -> None:
@@ -129,12 +80,6 @@ def _check_numbers(options: argparse.Namespace) -> None:
 
 def _lane_count(file: SceneFile) -> int:
     return math.prod(a.values.size for a in file.axes) * (len(SINGLE_DIRECTIONS) if file.direction == "both" else 1)
-
-
-def _scenes_of_lanes(file: SceneFile) -> Scene:
-    """The scenes of a sweep (leading axis)."""
-    scenes = grid_of_scenes(file.scene, {a.key: a.values for a in file.axes})
-    return jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(file.axes) :]), scenes)
 
 
 # Axes
@@ -210,81 +155,83 @@ def _is_stored(file: SceneFile, options: argparse.Namespace) -> bool:
 # Projection
 
 
-def _print_projection_of_long_run(request: SweepRequest, scenes: Scene, march: MarchPlan) -> None:
+def _print_projection_of_long_sweep(call: VerbCall, scenes: Scene, march: MarchPlan) -> None:
     """Print what a run will take that is long."""
-    run = request.file.sweep_run
-    plan = Plan(run.transient, run.periods, march.steps, request.options.phase, march.method)
+    file, options = call.file, call.options
+    run = file.sweep_run
+    store = call.arguments["store"]
+    lanes = _lane_count(file)
     print_projection_of_long_run(
         scenes,
-        plan,
-        SINGLE_DIRECTIONS if request.file.direction == "both" else (request.file.direction,),
-        request.row_lanes,
-        repeats=2.0 if request.options.confirm else 1.0,
-        elsewhere=request.options.scheduler is not None,
-        lanes_held=request.lanes_held,
-        samples=not request.options.no_samples,
-        place="" if request.store is None else f" in {request.store}",
+        march.plan(run.transient, run.periods, options.phase),
+        SINGLE_DIRECTIONS if file.direction == "both" else (file.direction,),
+        math.prod(a.values.size for a in file.axes[1:]),
+        repeats=2.0 if options.confirm else 1.0,
+        elsewhere=options.scheduler is not None,
+        lanes_held=min(lanes, MAX_LANES_AT_ONCE) if store or options.no_samples else None,
+        samples=not options.no_samples,
+        place=f" in {store}" if store else "",
     )
 
 
 # Computation and results
 
 
-def _sweep(request: SweepRequest, march: MarchPlan) -> SweepResult:
+def _sweep(call: VerbCall, progress: Progress) -> SweepResult:
     """The sweep; where it is interrupted, what has ended is written."""
-    file, options, store, _ = request
-    stored = {} if store is None else {"store": store, "resume": options.resume, "scheduler": options.scheduler}
-    with accuracy_warnings_printed(), progress_bar("lane-periods") as report, input_errors_at(file.name):
-        try:
-            return sweep(
-                file.scene,
-                {a.key: a.values for a in file.axes},
-                n_periods=file.sweep_run.periods,
-                transient=file.sweep_run.transient,
-                direction=file.direction,
-                phase=options.phase,
-                period_tol=options.period_tol,
-                ledger=options.ledger,
-                lyapunov=options.lyapunov,
-                forces=options.forces,
-                amplitudes=options.amplitudes,
-                confirm=options.confirm,
-                keep_samples=not options.no_samples,
-                progress=report,
-                method=march.again,
-                **stored,
-            )
-        except Interrupted as interrupt:
-            if interrupt.done is None:
-                raise KeyboardInterrupt from None
-            _keep_ended_lanes(request, interrupt.done)
+    try:
+        return call_verb(call, progress)
+    except Interrupted as interrupt:
+        if interrupt.done is None:
+            raise KeyboardInterrupt from None
+        call.result = interrupt.done
+        _keep_ended_lanes(call)
 
 
-def _keep_ended_lanes(request: SweepRequest, result: SweepResult) -> NoReturn:
+def _keep_ended_lanes(call: VerbCall) -> NoReturn:
     """Write the lanes of an interrupted sweep that had ended, without a picture; a store has them already."""
+    result: SweepResult = call.result
+    store = call.arguments["store"]
     ended = f"with the {(result.status != Status.NOT_RUN).sum()} of {result.status.size} lanes that had ended"
-    if request.store is not None:
-        raise KeyboardInterrupt(f"{request.store} {ended}", RESUME_ADVICE)
-    path = request.options.out / "sweep.nc"
-    with_origin(result, request.file).save(path)
-    write_json(_summary(request, result), request.options.out / "summary.json")
+    if store is not None:
+        raise KeyboardInterrupt(f"{store} {ended}", RESUME_ADVICE)
+    path = call.options.out / "sweep.nc"
+    with_origin(result, call.file).save(path)
+    write_json(_summary(call), call.options.out / "summary.json")
     raise KeyboardInterrupt(f"{place_of(path)} {ended}")
 
 
-def _write(request: SweepRequest, result: SweepResult) -> None:
-    """Write a sweep, of a store what is not yet there, and its picture."""
-    with_origin(result, request.file)
-    path = request.store or request.options.out / "sweep.nc"
-    if request.store is None:
-        result.save(path)
-    else:
+def _output_sweep(completed: VerbCall) -> None:
+    """Write a sweep, of a store what is not yet there, its picture and its summary."""
+    result: SweepResult = completed.result
+    options, march = completed.options, completed.march
+    store = completed.arguments["store"]
+    path = store or options.out / "sweep.nc"
+    if store:
         written_files[path] = path
         write_attributes(path, result.data.attrs)
-    draw(result.plot, request.options.out / "sweep.png", dpi=request.options.dpi)
+    else:
+        result.save(path)
+    draw(result.plot, options.out / "sweep.png", dpi=options.dpi)
+    summary = _summary(completed)
+    if result.accuracy is not None:
+        summary |= {"accuracy": result.accuracy.removeprefix("accuracy ")}
+    for name, do in DOUBTED.items():
+        lanes = getattr(result, name)
+        if lanes is not None:
+            of = f" of {march.tried.accuracy:.0e}" if march and march.tried else ""
+            words = f"{lanes.sum()} of {lanes.size} runs" + f" {do.format(store=path.name, of=of)}" * bool(lanes.any())
+            summary |= {name: {"runs": int(lanes.sum()), "words": words}}
+    write_json(summary, options.out / "summary.json")
+    warn_status(result.status, result.chatter)
+    for line in passed_sides(result):
+        print(f"warning: {line}", file=sys.stderr)
+    shown = {**_in_words(summary), **_best_row(summary), **_jump_places(result), "written": files_written()}
+    print_table(completed.title, shown)
 
 
-def _summary(request: SweepRequest, result: SweepResult) -> dict[str, Any]:
-    return {**result.summary(), "seconds": round(time.perf_counter() - request.start, 2)}
+def _summary(completed: VerbCall) -> dict[str, Any]:
+    return {**completed.result.summary(), "seconds": completed.seconds}
 
 
 def _jump_places(result: SweepResult) -> dict[str, str]:
@@ -322,3 +269,14 @@ def _number_text(head: str, value: float) -> str:
     key, _, unit = head.partition(" [")
     in_unit = f"{value:.6g} {unit.removesuffix(']')}" if unit else display_value(*parse_key(key)[0].parts, value)
     return f"{key} = {in_unit}"
+
+
+sweep_command = Computation(
+    load=_scene_of_sweep,
+    prepare=_sweep_arguments,
+    claim=lambda options: None,
+    imports=(*DATASETS, *STATISTICS, *PICTURES),
+    announce=_print_projection_of_long_sweep,
+    run=_sweep,
+    output=_output_sweep,
+)

@@ -11,12 +11,15 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from jaxshroud.io import files
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.checks import InputError, NumericalError, StoreError
 from jaxshroud_command import END_SIGNALS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MAX_MESSAGE_LENGTH = 600  # characters of a message
 TABLE_DIGITS = 6  # of floats in tables
@@ -130,6 +133,20 @@ def files_written() -> str:
     files.put_in_place()
     places = [*files.written_files.values()]
     return f"{', '.join(path.name for path in places)} in {places[0].parent}" if places else ""
+
+
+failed_pictures: list[str] = []  # of this command, with the reasons
+
+
+def draw(figure: Callable[[], "Figure"], *paths: Path, dpi: int) -> None:
+    """Write the picture that `figure` draws, with `dpi` dots per inch; a failure is said at the end of the command."""
+    from jaxshroud.plotting.style import save_figure
+
+    try:
+        save_figure(figure(), *paths, dpi=dpi)
+    except Exception as error:
+        names = ", ".join(map(str, paths))
+        failed_pictures.append(f"{names}: cannot be drawn ({one_line(error) or type(error).__name__})")
 
 
 def print_table(title: str, rows: dict[str, Any]) -> None:

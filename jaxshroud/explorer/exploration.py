@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxshroud.march.method import FAST, Method, RungeKutta, Taylor, method_of
+from jaxshroud.march.method import FAST, Method, Taylor, method_of
 from jaxshroud.march.stability import lanes_that_auto_steps_follow, stiffest
 from jaxshroud.march.tableau import TaylorOptions
 from jaxshroud.orbits.short_runs import HorizonEnds, end_states
@@ -20,9 +20,8 @@ from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.keys import ALL_KEYS, Key, key_in
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import read_shown, shown_text
-from jaxshroud.verbs.arguments import resolve_options
-from jaxshroud.verbs.asked import Asked, accuracy_level
-from jaxshroud.verbs.plan import plan_march
+from jaxshroud.verbs.accuracy import accuracy_level
+from jaxshroud.verbs.arguments import Asked, plan_march, resolve_options
 
 Continue = Callable[[], None]  # to be called regularly: raises `Outdated` once the work is no longer wanted
 # In the order of the page; of rivals a scene gives one.
@@ -209,9 +208,8 @@ def method_on_page(file: SceneFile, accuracy: str | float, go_on: Continue = lam
     Raises:
         InputError: The scene needs so many steps that a page would show nothing for minutes.
     """
-    smooth = file.tables["parts"]["contact"] == "smooth"
-    by_accuracy = Asked(accuracy_level(accuracy), by_argument=False)
-    resolved = resolve_options(file.scene, method=RungeKutta("rk4", "auto") if smooth else by_accuracy, verb="explore")
+    by_accuracy = Asked(accuracy_level(accuracy), by_argument=False)  # of smooth contact there is none
+    resolved = resolve_options(file.scene, method=by_accuracy, verb="explore")
     _check_length(resolved.lanes)
 
     def ends(*of: Any) -> HorizonEnds:

@@ -1,146 +1,129 @@
 """The arguments that verbs have in common, resolved: the argument, else the [run] of the scene file, else the default.
 
-Their scenes may have leading axes. What no verb takes is refused at once.
+The method among them becomes what runs, a `MarchPlan`, in one place: `plan_march`. Scenes may have leading axes.
 """
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+import warnings
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.batch.marches import march_of, require_march
+from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.states import initial_states, own_motion
-from jaxshroud.cache.programs import is_traced
+from jaxshroud.io.lane_status import AccuracyWarning
 from jaxshroud.io.scene_numbers import dimension, scene_differences
 from jaxshroud.io.variable import jax_lane_arrays
-from jaxshroud.march.method import Method, StepCount
+from jaxshroud.linear.held_contact import is_linear
+from jaxshroud.march.method import FAST, Choices, Method, StepCount, choices, method_as_json, method_of
 from jaxshroud.march.method_names import TABLEAUS
+from jaxshroud.march.stability import steps_for
+from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.prepared import State, law_type
+from jaxshroud.orbits.shooting import CLOSING_TOLERANCE, ShootingOptions
+from jaxshroud.orbits.short_runs import end_states
+from jaxshroud.results.base import Labels
 from jaxshroud.scene.checks import DEFAULT_TRANSIENT, InputError, count_argument
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.keys import ALL_KEYS, number_shape
-from jaxshroud.scene.layout import NO_CONTACT, require_capability, require_points, require_steps
 from jaxshroud.scene.ranges import check_ranges
-from jaxshroud.scene.scene import Scene, with_plain_orders
+from jaxshroud.scene.scene import Scene, with_plain_orders, without_given
 from jaxshroud.scene.schema import RunTable
 from jaxshroud.scene.sector import require_sector
 from jaxshroud.scene.speed import ORDER
-from jaxshroud.scene.text import numbers_of, text_of
-from jaxshroud.scene.typed import Tree
+from jaxshroud.scene.text import text_of
+from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.verbs.asked import Asked, MethodArgument, accuracy_level
+from jaxshroud.verbs.accuracy import Choice, accuracy_level
+from jaxshroud.verbs.lanes import check_verb, flatten_lanes, leading_axes, names_of
+from jaxshroud.verbs.trials import EndStates, choose
 
+ACCURACY = "balanced"  # unless an argument or the scene file says how to march
 N_PERIODS = 64  # kept periods, unless the argument or the scene file says otherwise
 LaneVariable = tuple[tuple[str, ...], np.ndarray, dict[str, str]]  # dimensions, values, attributes
 
 
-def check_verb(verb: str, scene: Scene | SceneFile) -> None:
-    """Raise an InputError if a verb does not know the layout or the contact of the scene."""
-    where = f"{scene.name}: " if isinstance(scene, SceneFile) else ""
-    require_capability(f"`{verb}`", scene.layout, where)
-    points = {"points", "shares"} & {*scene.tables["contact"]} if isinstance(scene, SceneFile) else scene.contact.points
-    if verb:  # without a name, another verb calls
-        require_points(verb, points, where)
-        parts = scene.tables["parts"]["contact"] if isinstance(scene, SceneFile) else scene.parts.contact
-        require_steps(parts, verb, where)
+class MarchPlan(NamedTuple):
+    """What runs: a method with what it records, and the steps per period. Beside it stands what it was chosen for."""
+
+    steps: int  # per period
+    method: Choices
+    choice: Choice | None = None  # where an accuracy chose the method
+    in_closed_form: str = ""  # the state in which contact stays, where nothing is marched
+
+    @property
+    def tried(self) -> Choice | None:
+        """The choice, if its accuracy was tried on the scenes."""
+        return self.choice if self.choice is not None and self.choice.promised is not None else None
+
+    def plan(self, transient: int, kept: int, phase: float = 0.0) -> Plan:
+        """The plan of a run of so many periods."""
+        return Plan(transient, kept, self.steps, phase, self.method)
+
+    @property
+    def shooting(self) -> ShootingOptions:
+        """The options of a search for orbits."""
+        return ShootingOptions(self.steps, CLOSING_TOLERANCE[self.method.precision], self.method)
+
+    @property
+    def again(self) -> "Asked":
+        """The argument `method` of verbs that march the same way."""
+        return Asked(plan=self)
+
+    @property
+    def untried(self) -> "MarchPlan":
+        """The same for parts of a result, in which the accuracy is not given again."""
+        return self._replace(choice=None) if self.tried else self
+
+    @property
+    def attributes(self) -> dict[str, int | str]:
+        """The attributes of results that describe it."""
+        chosen = {} if self.choice is None else {"accuracy": str(self.choice)}
+        march = method_as_json(method_of(self.steps, self.method))
+        method = f"closed form, {self.in_closed_form}" if self.in_closed_form else str(self.method)
+        return {"steps_per_period": self.steps, "method": method, "march": march, **chosen}
 
 
-def check_row(scene: Scene, **asked: bool) -> None:
-    """Raise an InputError where a row of blades lacks contact, or an argument asks for what its layout lacks."""
-    if scene.parts.contact == "none":
-        require_capability(NO_CONTACT, scene.layout)
-    for name in filter(asked.get, asked):
-        require_capability(f"Argument `{name}`", scene.layout)
+class Asked(NamedTuple):
+    """How to march as it was asked: by an accuracy, by a method or by steps alone, as another verb does, or not at all.
 
-
-def refuse_traced(tree: object) -> None:
-    """Raise an InputError if scenes or values are traced: verbs run outside JAX's transformations."""
-    if is_traced(tree):
-        raise InputError(
-            "A verb was given numbers that jax.jit, jax.grad or jax.vmap traces, within which no verb runs: "
-            "use js.rollout, js.sweep_function or js.period_map there, or js.gradient for derivatives of P_d."
-        )
-
-
-def check_known_period(q: int | None, state: State | None) -> None:
-    """Raise an InputError unless a period number that is given is positive and comes with a state near the orbit."""
-    if q is None:
-        return
-    count_argument("q", q, 1)
-    if state is None:
-        raise InputError("Argument `q` needs a `state` close to the orbit.")
-
-
-def one_scene(verb: str, scene: Scene | SceneFile) -> Scene:
-    """The single scene that a verb takes.
-
-    Raises:
-        InputError: There are many scenes, they are traced, or the verb does not know scenes of this layout.
+    It is also the argument `method` by which a verb has another one march the same way.
     """
-    check_verb(verb, scene)
-    scene = scene.scene if isinstance(scene, SceneFile) else scene
-    refuse_traced(scene)
-    check_ranges(scene)
-    require_sector(scene)
-    shape = np.shape(scene.drive.omega)
-    if shape:
-        lanes = " x ".join(map(str, shape))
-        raise InputError(f"`{verb}` takes one scene, but was given {lanes} of them; call it for each.")
-    return scene
+
+    accuracy: float | None = None
+    method: Method | None = None
+    steps: StepCount | None = None  # of the method or of the scene file
+    plan: MarchPlan | None = None
+    by_argument: bool = True  # rather than by a scene file
+    told: Callable[[Scene, MarchPlan], None] | None = None  # what a command says of scenes (leading axis) and what runs
+
+    @property
+    def requests_accuracy(self) -> bool:
+        """Whether an argument asks for an accuracy."""
+        return self.by_argument and self.accuracy is not None
+
+    @property
+    def says_nothing(self) -> bool:
+        """Whether nothing was asked."""
+        return self.accuracy is None and self.method is None and self.steps is None and self.plan is None
+
+    @property
+    def level(self) -> float | None:
+        """The accuracy that chooses the method, by default `ACCURACY`; None where another thing was asked."""
+        if self.plan is not None:
+            return None if self.plan.choice is None else self.plan.choice.accuracy
+        return accuracy_level(ACCURACY) if self.says_nothing else self.accuracy
+
+    @property
+    def given_steps(self) -> StepCount:
+        """The steps per period that were requested; "auto" where none were."""
+        steps = self.steps if self.plan is None else self.plan.steps
+        return "auto" if steps is None else steps
 
 
-def leading_axes(scene: Scene) -> tuple[int, ...]:
-    """The shape of the leading axes of scenes; () for a single scene.
-
-    Raises:
-        InputError: The numbers disagree in their leading axes, or one of these is empty.
-    """
-    refuse_traced(scene)
-    ranks = {key: len(number_shape(ALL_KEYS[key], scene.layout)) for key in numbers_of(scene)}
-    shapes = {key: a.shape[: a.ndim - ranks[key]] for key, a in numbers_of(scene).items()}
-    first_keys: dict[tuple[int, ...], str] = {}
-    for key, shape in shapes.items():
-        first_keys.setdefault(shape, key)
-    if len(first_keys) > 1:
-        (a, one), (b, other) = list(first_keys.items())[:2]
-        raise InputError(
-            f"The scenes' numbers disagree in their leading axes: {one} has {a}, but {other} has {b}; "
-            "make them with jax.vmap or js.scenes_from, which give all the same."
-        )
-    (shape,) = first_keys
-    if 0 in shape:
-        raise InputError(f"There are no scenes: their leading axes are {shape}.")
-    return shape
-
-
-def names_of(shape: tuple[int, ...], dims: Sequence[str] | None) -> tuple[str, ...]:
-    """The names of leading axes: those given, else `lane`, or `lane_0`, `lane_1`, ... for several.
-
-    Raises:
-        InputError: The number of names is wrong, or two are equal.
-    """
-    if dims is None:
-        return ("lane",) if len(shape) == 1 else tuple(f"lane_{i}" for i in range(len(shape)))
-    if len(set(dims)) != len(shape) or len(dims) != len(shape):
-        raise InputError(f"Argument `dims` must name {len(shape)} leading axes, each once, but is {tuple(dims)}.")
-    return tuple(dims)
-
-
-def flatten_lanes(tree: Tree, axes: int) -> Tree:
-    """A tree of arrays with its leading axes joined into one, or with a new one where it has none."""
-
-    def reshaped(a):
-        return np.reshape(np.asarray(a), (-1, *np.shape(a)[axes:]))  # by NumPy: nothing is compiled
-
-    return jax.tree.map(lambda a: jnp.asarray(reshaped(a)), tree)
-
-
-def in_shape(values: Any, shape: tuple[int, ...]) -> Any:
-    """Trees of arrays whose leading axis of lanes is reshaped to `shape`; () drops it."""
-    if isinstance(values, dict):
-        return {name: in_shape(value, shape) for name, value in values.items()}  # jax.tree would sort them
-    return jax.tree.map(lambda a: np.asarray(a).reshape((*shape, *np.shape(a)[1:])), values)
+MethodArgument = Method | str | float | Asked | None
 
 
 class ResolvedOptions(NamedTuple):
@@ -157,7 +140,8 @@ class ResolvedOptions(NamedTuple):
     @property
     def accuracy(self) -> float | None:
         """The accuracy that chooses the method: the one given, else the default; None where nothing is chosen."""
-        return self.asked.level if _is_examined(self.scene) else None
+        law = law_type(self.scene)  # in closed form there is nothing to choose
+        return self.asked.level if law.is_examined and law.has_events else None
 
     @property
     def lanes(self) -> Scene:
@@ -188,9 +172,20 @@ class ResolvedOptions(NamedTuple):
         whole = jax.tree.map(lambda a: np.repeat(np.asarray(a), lanes_per_state, axis=0), flat)
         return State(own_motion(whole.motion, lanes), whole.u_s, whole.mode, whole.case)
 
-    def provenance(self, transient: int, steps: int) -> tuple[dict[str, str], dict[str, LaneVariable]]:
+    def with_states(self, scenes: Sequence[Scene], state: State | None, march: MarchPlan) -> list[tuple[Scene, State]]:
+        """Scenes in the precision of a march, each with its initial state: see `states`."""
+        precise = [in_precision(scene, march.method.precision) for scene in scenes]
+        states = self.states(state, jax.tree.map(lambda *a: np.stack(a), *precise))
+        return [(scene, jax_lane_arrays(states, (lane,))) for lane, scene in enumerate(precise)]
+
+    def labels(self, march: MarchPlan) -> Labels:
+        """Keyword arguments of results that label their lanes: the first scene as text, and the numbers that differ."""
+        attrs, more = self.provenance(march.steps)
+        return {"lanes": self.dims, "attrs": {**attrs, **march.attributes}, "more": more}
+
+    def provenance(self, steps: int) -> tuple[dict[str, str], dict[str, LaneVariable]]:
         """The attributes that say which scene a result is of, and the numbers in which its scenes differ."""
-        run = {"periods": self.n_periods, "transient": transient, **self._march_entry(steps)}
+        run = {"periods": self.n_periods, "transient": self.transient, **self._march_entry(steps)}
         differences = scene_differences(self.scene, self.shape, self.dims)
         if self.file is None:
             first = jax.tree.map(lambda a: np.asarray(a)[0], self.lanes)
@@ -240,11 +235,10 @@ def resolve_options(
     file = scene if isinstance(scene, SceneFile) else None
     run = None if file is None else file.sweep_run if of_sweep else file.run
     scenes = scene.scene if isinstance(scene, SceneFile) else scene
-    asked = _asked(method)
+    asked = asked_by(method, run)
     if run is not None:
         n_periods = run.periods if n_periods is None else n_periods
         transient = run.transient if transient is None else transient
-        asked = _with_file(asked, run, scenes)
     n_periods = N_PERIODS if n_periods is None else n_periods
     transient = DEFAULT_TRANSIENT if transient is None else transient
     count_argument("n_periods", n_periods, 1)
@@ -255,28 +249,20 @@ def resolve_options(
     return ResolvedOptions(scenes, shape, names_of(shape, dims), file, n_periods, transient, asked)
 
 
-def _is_examined(scene: Scene) -> bool:
-    """Whether an accuracy can choose a method for a scene; in closed form there is nothing to choose."""
-    law = law_type(scene)
-    return law.is_examined and law.has_events
-
-
-def _asked(method: MethodArgument) -> Asked:
-    """How to march, from the argument `method`."""
-    if method is None:
-        return Asked()
+def asked_by(method: MethodArgument, run: RunTable | None = None) -> Asked:
+    """How to march as the argument `method` asks, else the [run] of a scene file."""
     if isinstance(method, Asked):
-        return method
-    return Asked(method=method, steps=method.steps) if isinstance(method, Method) else Asked(_given_level(method))
-
-
-def _with_file(asked: Asked, run: RunTable, scenes: Scene) -> Asked:
-    """The same, with the [run] of a scene file where the argument does not say it."""
-    if asked.accuracy is not None or asked.steps is not None or asked.plan is not None:
+        asked = method
+    elif isinstance(method, Method):
+        asked = Asked(method=method, steps=method.steps)
+    else:
+        asked = Asked(None if method is None else _given_level(method))
+    if run is None or asked.accuracy is not None or asked.steps is not None or asked.plan is not None:
         return asked
-    chooses = asked.method is None and run.accuracy is not None and _is_examined(scenes)
-    level = accuracy_level(run.accuracy) if chooses else None
-    return asked._replace(steps=run.steps_per_period, accuracy=level, by_argument=False)
+    if asked.method is None:
+        level = None if run.accuracy is None else accuracy_level(run.accuracy)
+        asked = asked._replace(accuracy=level, by_argument=False)
+    return asked._replace(steps=run.steps_per_period)
 
 
 def _given_level(accuracy: str | float) -> float:
@@ -290,3 +276,138 @@ def _given_level(accuracy: str | float) -> float:
             else ""
         )
         raise InputError(f"Argument `method` {error}{hint}") from None
+
+
+def warn_missed(missed: np.ndarray, choice: Choice, dropped: np.ndarray | None = None) -> None:
+    """Warn of `missed_lanes`, if there are any, at the line that calls the verb.
+
+    Args:
+        missed: Whether each lane misses the accuracy.
+        choice: The method, with the accuracy.
+        dropped: The energy that beginnings of flat contact dropped in each lane, over the gross work of the drive.
+    """
+    if missed.any():
+        runs = f"{missed.sum()} of {missed.size} runs may miss the accuracy of {choice.accuracy:.0e} over three periods"
+        text = f"{runs}: statistics of chaos bear it, single values do not"
+        share = 0.0 if dropped is None else float(np.max(np.nan_to_num(dropped), initial=0.0))
+        dropped_text = (
+            f"; where faces became flat, up to {share:.0e} of the drive's gross work was dropped" if share > 0 else ""
+        )
+        warnings.warn(text + dropped_text, AccuracyWarning, stacklevel=4)
+
+
+def plan_march(
+    resolved: ResolvedOptions,
+    lanes: Scene,
+    usual: Choices,
+    *,
+    tangents: bool = False,
+    periods: float | None = None,
+    ends: EndStates | None = None,
+) -> MarchPlan:
+    """The plan by which lanes (leading axis) are marched, from the arguments of `choose_method`.
+
+    With `tangents` lanes are stepped without contact too.
+
+    Raises:
+        InputError: See `choose_method`.
+        ValueError: The march would be unstable, or JAX has no float64.
+    """
+    method, choice = choose_method(resolved, lanes, usual, periods=periods, ends=ends)
+    asked = resolved.asked
+    if asked.plan is None and choice is not None:
+        march = MarchPlan(choice.steps, method, choice)
+    else:  # the method was not chosen for these lanes: is it stable here?
+        precise = in_precision(without_given(lanes), method.precision)
+        state = lanes.parts.contact if is_linear(lanes) else ""
+        stepping = method.tableau if tangents and not state else march_of(lanes).stepping(method)
+        march = MarchPlan(steps_for(precise, 1, asked.given_steps, stepping), method, choice, state)
+    if asked.told is not None:
+        asked.told(lanes, march)
+    return march
+
+
+def choose_method(
+    resolved: ResolvedOptions,
+    lanes: Scene,
+    usual: Choices,
+    *,
+    periods: float | None = None,
+    ends: EndStates | None = None,
+) -> tuple[Choices, Choice | None]:
+    """The method by which lanes (leading axis) are marched, and the choice for an accuracy that it comes from, if any.
+
+    Args:
+        resolved: The resolved arguments.
+        lanes: The scenes.
+        usual: The method where only steps are given, with or without a ledger, and for P_d or not.
+        periods: Of the run of each lane; by default those of the arguments.
+        ends: How lanes are marched to try a method; by default by the programs of `run_lanes`.
+
+    Raises:
+        InputError: An accuracy is requested for smooth contact or for own laws, or power series for what they lack.
+    """
+    asked = resolved.asked
+    law = law_type(lanes)
+    if is_linear(lanes):
+        return usual, None
+    if not law.is_examined and (asked.requests_accuracy or (asked.plan and asked.plan.choice)):
+        raise InputError(
+            f"An accuracy can be had for located contact, not for {law.called}; give js.RungeKutta(steps=...)."
+        )
+    choice = None
+    if asked.plan is not None:
+        method = asked.plan.method
+        choice = asked.plan.choice
+    elif asked.method is not None:
+        method = choices(asked.method)
+    elif resolved.accuracy is None:
+        method = usual
+    else:
+        ends = ends or partial(end_states, ledger=usual.ledger, vibration=usual.vibration)
+        periods = resolved.transient + resolved.n_periods if periods is None else periods
+        choice = choose(lanes, 1, resolved.accuracy, lane_periods=len(lanes.drive.omega) * periods, ends=ends)
+        method = choice.method
+        if choice.promised is None:
+            if asked.requests_accuracy and asked.told is None:
+                warnings.warn(str(choice), AccuracyWarning, stacklevel=5)
+            choice = choice if asked.requests_accuracy else None
+    require_march(lanes, method)
+    return _recording(method, usual, law), choice
+
+
+def _recording(method: Choices, usual: Choices, law: type[ContactLaw]) -> Choices:
+    """The method that records what the usual one does, and the energy balance of laws that have no other check."""
+    ledger = usual.ledger or law.may_create_energy
+    chosen = {name: getattr(method, name) for name in ("tableau", "locate", "precision", "flat_return")}
+    return usual._replace(**chosen, ledger=ledger)
+
+
+@typed
+def method_for(scenes: Scene, accuracy: str | float = ACCURACY) -> Method:
+    """The cheapest method that keeps an accuracy, found by trying methods on the scenes; not inside `jax.jit`.
+
+    Verbs choose in the same way: their argument `method` is "fast", "balanced", "reference" or a number (the accuracy
+    of the state after three periods), or a `RungeKutta` or `Taylor`; by default it is that of the scene file, else
+    "balanced". Pure functions (`rollout`, `sweep_function`, `period_map`) take methods only.
+
+    Args:
+        scenes: One scene, or many with leading axes: the stiffest one determines the step.
+        accuracy: "fast", "balanced", "reference" or a number from 1e-10 to 1e-2: the error of the state after three
+            periods that 95 % of the scenes keep.
+
+    Returns:
+        A `RungeKutta` or `Taylor` with its number of steps. Where the accuracy cannot be reached, about the best one.
+
+    Raises:
+        ValueError: There is no such accuracy, or the scenes have no located contact.
+
+    Example:
+        >>> import jax; jax.config.update("jax_enable_x64", True)
+        >>> import jaxshroud as js
+        >>> print(js.method_for(js.load("table1", ['parts.motion=["x"]']).scene, 1e-3).precision)
+        float64
+    """
+    resolved = resolve_options(scenes, method=accuracy, verb="method_for")
+    march = plan_march(resolved, resolved.lanes, FAST)
+    return method_of(march.steps, march.method)

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import jax
 import numpy as np
 
-from jaxshroud.batch.plan import Plan, Progress, Ticker
+from jaxshroud.batch.plan import Progress, Ticker
 from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import final_states, initial_states, shroud_motion
 from jaxshroud.batch.threads import Interrupted
@@ -15,7 +15,7 @@ from jaxshroud.march.method import FOR_P_D, method_of
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.orbits.attractors import FoundAttractors, attractors_of
-from jaxshroud.orbits.shooting import CLOSING_TOLERANCE, ShootingOptions
+from jaxshroud.orbits.shooting import ShootingOptions
 from jaxshroud.orbits.starts import START_SPREAD, random_starts, start_range
 from jaxshroud.results.attractors import (
     ATTRACTOR_KINDS,
@@ -35,9 +35,8 @@ from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.signals.orbit_distance import SweptMotion, number_motions, set_distance
-from jaxshroud.verbs.arguments import one_scene, resolve_options
-from jaxshroud.verbs.asked import MarchPlan, MethodArgument
-from jaxshroud.verbs.lanes import with_tangents
+from jaxshroud.verbs.arguments import MarchPlan, MethodArgument, plan_march, resolve_options
+from jaxshroud.verbs.lanes import one_scene
 from jaxshroud.verbs.simulate import simulate
 from jaxshroud.verbs.sweep import sweep
 
@@ -112,10 +111,9 @@ def _single_scene(
     count_argument("most_periods", most_periods, 64)
     single = one_scene(verb, scene)
     resolved = resolve_options(scene, method=method)
-    march = with_tangents(resolved, one_lane(single), FOR_P_D)
-    provenance, _ = resolved.provenance(resolved.transient, march.steps)
-    shooting = ShootingOptions(march.steps, CLOSING_TOLERANCE[march.method.precision], march.method)
-    return in_precision(single, march.method.precision), shooting, {**provenance, **march.attributes}
+    march = plan_march(resolved, one_lane(single), FOR_P_D, tangents=True)
+    provenance, _ = resolved.provenance(march.steps)
+    return in_precision(single, march.method.precision), march.shooting, {**provenance, **march.attributes}
 
 
 def _attractors_from(
@@ -236,7 +234,7 @@ def row_motions(scene: Scene, starts: int, seed: int, march: MarchPlan, transien
     """
     lanes = in_precision(without_given(repeat_lane(scene, starts)), march.method.precision)
     states = random_starts(jax.tree.map(lambda a: a[0], lanes), starts, seed, START_SPREAD)
-    before = Plan(max(transient - 1, 0), 1, march.steps, 0.0, march.method)
+    before = march.plan(max(transient - 1, 0), 1)
     last = run_lanes(lanes, states, before, lambda _: None).last
     status = np.asarray(last.status)
     running = np.flatnonzero(status == Status.OK)

@@ -18,7 +18,7 @@ from jaxshroud.orbits.batched_algorithms import StagedProgress, run_alone
 from jaxshroud.orbits.branch import BranchPoint, ContinuationProblem, continuation_problem, first_point
 from jaxshroud.orbits.branch_continuation import ContinuedBranch, branches_from, with_errors
 from jaxshroud.orbits.orbit import PeriodicOrbit
-from jaxshroud.orbits.shooting import CLOSING_TOLERANCE, ShootingOptions, closed_orbit, settled_orbit
+from jaxshroud.orbits.shooting import ShootingOptions, closed_orbit, settled_orbit
 from jaxshroud.orbits.travelling_wave import whole_parts
 from jaxshroud.results.branch import Branch
 from jaxshroud.scene.checks import InputError, NumericalError, count_argument
@@ -29,9 +29,8 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.scene.vary import value_of, with_numbers
-from jaxshroud.verbs.arguments import check_known_period, check_row, one_scene, resolve_options
-from jaxshroud.verbs.asked import MethodArgument
-from jaxshroud.verbs.lanes import with_tangents
+from jaxshroud.verbs.arguments import MethodArgument, plan_march, resolve_options
+from jaxshroud.verbs.lanes import check_known_period, check_row, one_scene
 
 
 @typed
@@ -149,9 +148,11 @@ def continued(
         raise InputError(f"{along} = {value:g} is outside of its range, {low:g} to {high:g}; say where with `at`.")
     resolved = resolve_options(scene, method=method)
     check_row(numbered)
-    march = with_tangents(resolved, scenes_at(numbered, [along], np.array([[low], [value], [high]])), FOR_P_D)
+    march = plan_march(
+        resolved, scenes_at(numbered, [along], np.array([[low], [value], [high]])), FOR_P_D, tangents=True
+    )
     march = march._replace(steps=whole_parts(march.steps, numbered))
-    shooting = ShootingOptions(march.steps, CLOSING_TOLERANCE[march.method.precision], march.method)
+    shooting = march.shooting
     here = jax_lane_arrays(scenes_at(numbered, [along], np.array([[value]])), (0,))
     try:
         initial = _initial_orbit(in_precision(here, march.method.precision), state, q, most_periods, shooting)
@@ -162,7 +163,7 @@ def continued(
         branches = with_errors(branches, problem._replace(aim=finer), stages)
     except Interrupted:
         raise Interrupted(None) from None
-    provenance, _ = resolved.provenance(resolved.transient, march.steps)
+    provenance, _ = resolved.provenance(march.steps)
     return FoundBranches(problem, branches, {**provenance, **march.attributes})
 
 

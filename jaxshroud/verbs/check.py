@@ -30,9 +30,9 @@ from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.speed import engine_order_of
 from jaxshroud.scene.typed import typed
 from jaxshroud.signals.averages import half_diagonal
-from jaxshroud.verbs.arguments import check_row, one_scene
 from jaxshroud.verbs.campbell_lines import lines_of_speeds
 from jaxshroud.verbs.doubts import LEAST_DRIVEN, advice_on, doubts_of
+from jaxshroud.verbs.lanes import check_row, one_scene
 from jaxshroud.verbs.natural_frequencies import RAD_PER_CYCLE, flow_modes, modes_of
 from jaxshroud.verbs.settled import has_settled_motion, settled_motion
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.batch.plan import Plan, Progress, Runs, Ticker
+from jaxshroud.batch.plan import Progress, Runs, Ticker
 from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import coordinate_sizes, final_states
 from jaxshroud.batch.xla import one_lane
@@ -18,8 +18,6 @@ from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.orbits.batched_algorithms import run_alone
 from jaxshroud.orbits.lyapunov import ALIGNED, NearbyGrowth, lyapunov_exponents, nearby_growth
-from jaxshroud.orbits.shooting import CLOSING_TOLERANCE, ShootingOptions
-from jaxshroud.orbits.short_runs import end_states
 from jaxshroud.orbits.verdict import VERDICT_ROUNDS, Verdict, verdict_text, verdicts
 from jaxshroud.orbits.verdict_evidence import Stretches
 from jaxshroud.results.diagnosis import Diagnosis
@@ -34,10 +32,17 @@ from jaxshroud.signals.amplitudes import is_comparable
 from jaxshroud.signals.averages import Reduction, averages, convergence, period_reductions
 from jaxshroud.signals.period import SETTLED, Repetition
 from jaxshroud.signals.waves import RowWave
-from jaxshroud.verbs.arguments import ResolvedOptions, check_row, one_scene, resolve_options
-from jaxshroud.verbs.asked import Asked, Choice, MarchPlan, MethodArgument
-from jaxshroud.verbs.lanes import RequestedLanes, with_tangents
-from jaxshroud.verbs.plan import plan_march, warn_missed
+from jaxshroud.verbs.accuracy import Choice
+from jaxshroud.verbs.arguments import (
+    Asked,
+    MarchPlan,
+    MethodArgument,
+    ResolvedOptions,
+    plan_march,
+    resolve_options,
+    warn_missed,
+)
+from jaxshroud.verbs.lanes import check_row, one_scene
 from jaxshroud.verbs.power import power
 from jaxshroud.verbs.simulate import simulate
 from jaxshroud.verbs.trials import missed_lanes
@@ -57,8 +62,7 @@ class JudgedMotion(NamedTuple):
     events: bool  # whether the states at events are kept too
     method: Asked
     evidence: Callable[[Trajectory], dict[str, object]]  # the verdict and its evidence, by the names of `Diagnosis`
-    missed: np.ndarray | None = None  # whether the march misses the accuracy requested; None: it was not tried for one
-    tried: Choice | None = None
+    tried: Choice | None = None  # of the march, which is compared with a finer one
 
 
 class RowEvidence(NamedTuple):
@@ -99,7 +103,7 @@ def _evidence(scenes: Scene, states: State, march: MarchPlan, transient: int, pr
     most = transient + (2**ROUNDS - 1) * FIRST_STRETCH + 2 * (ALIGNED + GROWTH_PERIODS)
     ticker = Ticker(most, progress)
     done = 0
-    plan = Plan(transient, FIRST_STRETCH, march.steps, 0.0, march.method)
+    plan = march.plan(transient, FIRST_STRETCH)
     while True:
         runs = run_lanes(scenes, states, plan, ticker)
         done += plan.transient + plan.kept
@@ -126,7 +130,7 @@ def _latest_series(scenes: Scene, runs: Runs, orbit: Repetition, P_0: np.ndarray
 
 
 def _after_a_period(scenes: Scene, march: MarchPlan, ticker: Ticker, states: State) -> tuple[State, bool]:
-    runs = run_lanes(scenes, states, Plan(0, 1, march.steps, 0.0, march.method), ticker)
+    runs = run_lanes(scenes, states, march.plan(0, 1), ticker)
     return final_states(runs.last.state), bool(np.asarray(runs.last.status)[0] == Status.OK)
 
 
@@ -252,8 +256,8 @@ def diagnose(
     found = judge(scene, resolved, state, progress)
     shown = {"n_periods": found.shown, "events": found.events, "method": found.method}
     run = simulate(scene, state=found.start, throw=throw, **shown)
-    if found.missed is not None and found.tried is not None:
-        warn_missed(found.missed, found.tried, run.energy_dropped)
+    if found.tried is not None:
+        warn_missed(missed_lanes(resolved.lanes, found.tried, progress), found.tried, run.energy_dropped)
     diagnosis = Diagnosis.from_values(found.evidence(run), layout=resolved.scene.layout).data
     data = run.data.assign(diagnosis.data_vars).assign_attrs(diagnosis.attrs)
     if found.status != Status.OK and run.status == Status.OK:  # the verdict's march went further than the samples
@@ -265,14 +269,11 @@ def motion_of_pair(
     scene: Scene | SceneFile, resolved: ResolvedOptions, state: State | None, progress: Progress | None
 ) -> JudgedMotion:
     """The motion of a pair: by its returns, the exponent of a tangent, the 0-1 test and Newton's method."""
-    march = with_tangents(resolved, resolved.lanes, FOR_P_D_WITH_LEDGER)
+    march = plan_march(resolved, resolved.lanes, FOR_P_D_WITH_LEDGER, tangents=True)
     march = march._replace(method=march.method._replace(ledger=True))
-    ((precise, initial),) = RequestedLanes(resolved, march).with_states(resolved.scenes, state)
-    shooting = ShootingOptions(march.steps, CLOSING_TOLERANCE[march.method.precision], march.method)
+    ((precise, initial),) = resolved.with_states(resolved.scenes, state, march)
     ticker = Ticker(resolved.transient + (2**VERDICT_ROUNDS - 1) * Stretches().all, progress)
-    (verdict,) = verdicts(one_lane(precise), one_lane(initial), resolved.transient, shooting, tick=ticker)
-    ends = partial(end_states, ledger=True, vibration=True)  # by the programs of the verdict
-    missed = None if march.tried is None else missed_lanes(resolved.lanes, march.tried, ends, progress)
+    (verdict,) = verdicts(one_lane(precise), one_lane(initial), resolved.transient, march.shooting, tick=ticker)
     stopped = verdict.kind == "stopped"
     shown = MIN_STORED_ORBITS * verdict.q if verdict.q else APERIODIC_PERIODS
     settled = {} if stopped else _settled_evidence(scene, precise, verdict, march)
@@ -283,7 +284,6 @@ def motion_of_pair(
         events=precise.parts.contact == "spring" and not stopped,
         method=march.untried.again,
         evidence=lambda _: _verdict_values(verdict) | settled,
-        missed=missed,
         tried=march.tried,
     )
 

@@ -23,7 +23,7 @@ from jaxshroud.scene.layout import COORDINATES, MOTIONS, Parts
 from jaxshroud.scene.other_parts import with_parts
 from jaxshroud.scene.scene import Scene, Shroud
 from jaxshroud.scene.typed import typed
-from jaxshroud.verbs.arguments import check_row, one_scene
+from jaxshroud.verbs.lanes import check_row, one_scene
 
 
 @dataclass(frozen=True)

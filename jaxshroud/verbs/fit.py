@@ -21,17 +21,17 @@ from jaxshroud.fitting.searches import (
     remarched,
 )
 from jaxshroud.io.measurements import measurements_from, read_measurements
+from jaxshroud.march.method import FAST
 from jaxshroud.results.fit import Fit
 from jaxshroud.scene.checks import InputError, count_argument, seed_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.measurements import BLADES, Measurements
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
-from jaxshroud.verbs.arguments import one_scene, resolve_options
-from jaxshroud.verbs.asked import MethodArgument
+from jaxshroud.verbs.arguments import MethodArgument, plan_march, resolve_options
 from jaxshroud.verbs.design_problem import Problem, first_points, problem_of
 from jaxshroud.verbs.fit_models import FitModel, HistoryModel, ResponseModel, fit_corners, model_of
-from jaxshroud.verbs.lanes import with_tangents
+from jaxshroud.verbs.lanes import one_scene
 
 CURVE_POINTS = 1000  # of the fitted history that is drawn
 FEWEST_POINTS = 8  # of a search
@@ -114,11 +114,11 @@ def fit(
     seed_argument(seed)
     problem = fit_problem(nominal, data, {key: (float(low), float(high)) for key, (low, high) in over.items()})
     resolved = resolve_options(scene, method=method)
-    march = with_tangents(resolved, fit_corners(problem))
+    march = plan_march(resolved, fit_corners(problem), FAST, tangents=True)
     model = model_of(problem, data, march, most_periods)
     found, profiled, model, march_error = _estimated(problem, data, model, (scan, starts, seed), progress)
     judged = findings(found, tuple(over), profiled, problem.values, data.kind == "history", march_error)
-    attrs, _ = resolved.provenance(resolved.transient, march.steps)
+    attrs, _ = resolved.provenance(march.steps)
     settings = {**march._replace(steps=model.steps, choice=None).attributes, "seed": seed, "data_kind": data.kind}
     return _result(problem, data, model, found, profiled, judged, settings, attrs)
 

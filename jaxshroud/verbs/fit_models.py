@@ -24,7 +24,7 @@ from jaxshroud.orbits.shooting import CLOSING_TOLERANCE, ShootingOptions, settle
 from jaxshroud.scene.measurements import Measurements
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.verbs.asked import MarchPlan
+from jaxshroud.verbs.arguments import MarchPlan
 from jaxshroud.verbs.design_problem import Problem, design_corners, scenes_of
 
 QUARTERS = 4  # steps of a finer march for one

@@ -6,23 +6,21 @@ from functools import partial
 import numpy as np
 
 from jaxshroud.batch.limits import check_size
-from jaxshroud.batch.plan import Plan, Progress
+from jaxshroud.batch.plan import Progress
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.linear.held_contact import LinearState, is_linear
 from jaxshroud.march.method import FAST, FOR_P_D
 from jaxshroud.model.prepared import State
-from jaxshroud.orbits.batched_algorithms import run_alone, run_together
+from jaxshroud.orbits.batched_algorithms import run_together
 from jaxshroud.orbits.gradient import (
     PowerGradient,
     Smoothing,
     differences_on,
     gradient_of,
     marched_levels,
-    orbit_gradient,
 )
 from jaxshroud.orbits.linear_gradient import linear_gradient, linear_levels
 from jaxshroud.orbits.orbit import PeriodicOrbit
-from jaxshroud.orbits.shooting import CLOSING_TOLERANCE, ShootingOptions
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.results.orbit import Orbit
 from jaxshroud.scene.checks import InputError, count_argument, positive_argument, seed_argument
@@ -33,9 +31,8 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import level_of, numbers_that_count, with_numbers
 from jaxshroud.signals.amplitudes import check_resonance, check_vibration, counted_reduction
-from jaxshroud.verbs.arguments import check_row, resolve_options
-from jaxshroud.verbs.asked import MethodArgument
-from jaxshroud.verbs.lanes import RequestedLanes, results_of_all, warn_failed, with_tangents
+from jaxshroud.verbs.arguments import MethodArgument, plan_march, resolve_options
+from jaxshroud.verbs.lanes import check_row, results_of_all, warn_failed
 from jaxshroud.verbs.orbit import cycles_of
 from jaxshroud.verbs.settled import default_state, in_state, require_state
 
@@ -145,20 +142,20 @@ def gradient(
             check(of, resolved.lanes, np.all)
     numbered = [with_numbers(one, wrt) for one in resolved.scenes]
     numbers = [[level_of(one, key) for key in wrt] for one in numbered]
-    lanes = RequestedLanes(resolved, with_tangents(resolved, resolved.lanes, FOR_P_D if is_reduction(of) else FAST))
-    throw = throw or not lanes.shape
-    march = lanes.march
-    shooting = ShootingOptions(march.steps, CLOSING_TOLERANCE[march.method.precision], march.method)
+    march = plan_march(resolved, resolved.lanes, FOR_P_D if is_reduction(of) else FAST, tangents=True)
+    labels = resolved.labels(march)
+    throw = throw or not resolved.shape
     if is_linear(resolved.scene):
-        return _linear_gradients(numbered, wrt, of, lanes, numbers, throw)
-    plan = Plan(lanes.resolved.transient, lanes.resolved.n_periods, march.steps, 0.0, march.method)
+        slopes = [linear_gradient(one, wrt, of, march.steps, march.method) for one in numbered]
+        orbit = Orbit.of_cycles([slope.orbit for slope in slopes], resolved.shape, **labels)
+        return warn_failed(Gradient.of_slopes(slopes, wrt, of, orbit, numbers, **labels), throw)
+    if orbit is not None and np.shape(orbit.q) != resolved.shape:
+        raise InputError(f"Argument `orbit` has lanes {np.shape(orbit.q)}, but the scene has {resolved.shape}.")
+    plan = march.plan(resolved.transient, resolved.n_periods)
     smoothing = Smoothing(sigma, pairs, plan, seed)
     try:
-        cycles = (
-            cycles_of(lanes.with_states(numbered, state), None, most_periods, shooting, progress, throw)
-            if orbit is None
-            else _given_orbits(orbit, lanes)
-        )
+        starts = resolved.with_states(numbered, state, march)
+        cycles = orbit.cycles if orbit else cycles_of(starts, None, most_periods, march.shooting, progress, throw)
         if not all(cycle.sound or "stopped" in cycle.flags for cycle in cycles):
             count_argument("pairs", pairs, 2)
             check_size(2 * pairs, plan.transient, plan.kept)
@@ -166,29 +163,8 @@ def gradient(
         slopes = results_of_all(lambda: run_together(algorithms), partial(_no_gradient, cycles, len(wrt)), throw)
     except Interrupted:
         raise Interrupted(None) from None
-    orbits = Orbit.of_cycles(cycles, lanes.shape, **lanes.labels) if orbit is None else orbit
-    return warn_failed(Gradient.of_slopes(slopes, wrt, of, orbits, numbers, **lanes.labels), throw)
-
-
-def _linear_gradients(
-    scenes: list[Scene],
-    wrt: Sequence[str],
-    of: Quantity,
-    lanes: RequestedLanes,
-    numbers: list[list[float]],
-    throw: bool,
-) -> Gradient:
-    """The gradients of scenes whose contact stays in a state, in closed form."""
-    march = lanes.march
-    slopes = [linear_gradient(one, wrt, of, march.steps, march.method) for one in scenes]
-    orbits = Orbit.of_cycles([slope.orbit for slope in slopes], lanes.shape, **lanes.labels)
-    return warn_failed(Gradient.of_slopes(slopes, wrt, of, orbits, numbers, **lanes.labels), throw)
-
-
-def _given_orbits(orbit: Orbit, lanes: RequestedLanes) -> list[PeriodicOrbit]:
-    if np.shape(orbit.q) != lanes.shape:
-        raise InputError(f"Argument `orbit` has lanes {np.shape(orbit.q)}, but the scene has {lanes.shape}.")
-    return orbit.cycles
+    orbit = orbit or Orbit.of_cycles(cycles, resolved.shape, **labels)
+    return warn_failed(Gradient.of_slopes(slopes, wrt, of, orbit, numbers, **labels), throw)
 
 
 def _no_gradient(cycles: list[PeriodicOrbit], size: int, lane: int, flag: str) -> PowerGradient:
@@ -197,18 +173,6 @@ def _no_gradient(cycles: list[PeriodicOrbit], size: int, lane: int, flag: str) -
     cycle = cycles[lane]
     flags = tuple(dict.fromkeys((*cycle.flags, flag)))
     return PowerGradient("none", nan, nan, np.nan, np.nan, cycle, np.nan, np.nan, flags)
-
-
-def on_orbit(found: Orbit, wrt: Sequence[str], of: Quantity = "P_d") -> Gradient:
-    """The exact gradient on the orbit of a single scene.
-
-    Raises:
-        ValueError: There is no such `of`.
-    """
-    cycle = found.cycle()
-    check_quantity(of, cycle.scene)
-    numbers = [[level_of(cycle.scene, key) for key in wrt]]
-    return Gradient.of_slopes([run_alone(orbit_gradient(cycle, wrt, of))], wrt, of, found, numbers)
 
 
 def _check_names(wrt: Sequence[str], scene: Scene) -> None:

@@ -26,8 +26,8 @@ from jaxshroud.scene.vary import vary, with_numbers
 from jaxshroud.signals.amplitudes import check_vibration
 from jaxshroud.signals.statistics import quantile_interval
 from jaxshroud.signals.waves import RowResponses, largest_amplitudes
-from jaxshroud.verbs.arguments import ResolvedOptions, flatten_lanes, one_scene, refuse_traced, resolve_options
-from jaxshroud.verbs.asked import MethodArgument
+from jaxshroud.verbs.arguments import MethodArgument, ResolvedOptions, plan_march, resolve_options
+from jaxshroud.verbs.lanes import flatten_lanes, one_scene, refuse_traced
 from jaxshroud.verbs.linear_rows import linear_problem
 from jaxshroud.verbs.mistuned_rows import (
     MistunedRow,
@@ -38,7 +38,6 @@ from jaxshroud.verbs.mistuned_rows import (
     tuned_and_mistuned_responses,
     with_patterns,
 )
-from jaxshroud.verbs.plan import plan_march
 
 
 @typed
@@ -136,7 +135,7 @@ def mistune(
         values |= _search_values(row, run.problem, size, float(max(sigmas)), seed, values["tuned_largest"])
     values |= {"of": of, "along": row.along, "linear": linear or "", "direction_of": direction, "seed": seed}
     steps = int(run.attributes["steps_per_period"])
-    attrs, _ = resolved._replace(scene=row.by_sector or row.scene).provenance(resolved.transient, steps)
+    attrs, _ = resolved._replace(scene=row.by_sector or row.scene).provenance(steps)
     ways = SINGLE_DIRECTIONS if direction == "both" else (direction,)
     coords = mistuned_coordinates(row.along, row.values, drawn.designs, drawn.sigmas, ways, patterns.shape[1])
     return Mistuned.from_values(values, coords=coords, attrs=attrs)
@@ -174,20 +173,6 @@ def _mistuned_row(scene: Scene | SceneFile, along: Mapping[str, Any] | None, of:
     with_numbers(one, [key])
     tuned = vary(one, "row.mistuning", np.zeros(one.layout.blades))
     return MistunedRow(whole_ring(tuned), key, values, of, tuned if asks_for_sector(tuned) else None)
-
-
-def pattern_rows(
-    scene: Scene | SceneFile,
-    along: Mapping[str, Any],
-    of: str,
-    designs: Sequence[str],
-    sigmas: Sequence[float],
-    n_patterns: int,
-    seed: int,
-) -> tuple[MistunedRow, Scene]:
-    """The row of `mistune`, and scenes with each of its patterns (leading axis), from its arguments."""
-    row = _mistuned_row(scene, along, of)
-    return row, with_patterns(row.scene, _patterns_of(row, designs, sigmas, n_patterns, seed))
 
 
 def _check_driven(row: MistunedRow) -> None:

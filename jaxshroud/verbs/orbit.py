@@ -8,13 +8,13 @@ import numpy as np
 from jaxshroud.batch.plan import Plan, Progress
 from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.threads import Interrupted
-from jaxshroud.march.method import FOR_P_D
+from jaxshroud.march.method import FAST, FOR_P_D
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.orbits.batched_algorithms import run_together
 from jaxshroud.orbits.lyapunov import MAX_ALIGNMENT_PERIODS, Exponents, lyapunov_exponents, state_places
 from jaxshroud.orbits.orbit import PeriodicOrbit, no_orbit
-from jaxshroud.orbits.shooting import CLOSING_TOLERANCE, ShootingOptions, closed_orbit, settled_orbit
+from jaxshroud.orbits.shooting import ShootingOptions, closed_orbit, settled_orbit
 from jaxshroud.orbits.travelling_wave import TravellingWave, travelling_wave
 from jaxshroud.results.diagnosis import Lyapunov
 from jaxshroud.results.orbit import Orbit
@@ -23,9 +23,8 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.signals.amplitudes import amplitude_values
-from jaxshroud.verbs.arguments import check_known_period
-from jaxshroud.verbs.asked import MethodArgument
-from jaxshroud.verbs.lanes import request_lanes, results_of_all, warn_failed
+from jaxshroud.verbs.arguments import MethodArgument, plan_march, resolve_options
+from jaxshroud.verbs.lanes import check_known_period, check_row, results_of_all, warn_failed
 
 
 @typed
@@ -90,19 +89,19 @@ def orbit(
     if tolerance is not None:
         positive_argument("tolerance", tolerance)
     check_known_period(q, state)
-    lanes = request_lanes(scene, method=method, dims=dims, verb="orbit", usual=FOR_P_D)
-    march = lanes.march
-    tolerance = CLOSING_TOLERANCE[march.method.precision] if tolerance is None else tolerance
-    shooting = ShootingOptions(march.steps, tolerance, march.method)
+    resolved = resolve_options(scene, method=method, dims=dims, verb="orbit")
+    check_row(resolved.scene)
+    march = plan_march(resolved, resolved.lanes, FOR_P_D, tangents=True)
+    shooting = march.shooting if tolerance is None else march.shooting._replace(tolerance=tolerance)
 
     def result_of(cycles, kept=None):
-        return Orbit.of_cycles(cycles, lanes.shape, kept, **lanes.labels)
+        return Orbit.of_cycles(cycles, resolved.shape, kept, **resolved.labels(march))
 
     try:
-        starts = lanes.with_states(lanes.scenes, state)
-        cycles = cycles_of(starts, q, most_periods, shooting, progress, throw or not lanes.shape)
+        starts = resolved.with_states(resolved.scenes, state, march)
+        cycles = cycles_of(starts, q, most_periods, shooting, progress, throw or not resolved.shape)
         more = orbit_amplitudes(cycles) if amplitudes else {}
-        orbits = result_of(cycles, more | _wave_values(cycles) if lanes.scenes[0].layout.closed else more)
+        orbits = result_of(cycles, more | _wave_values(cycles) if resolved.scene.layout.closed else more)
     except Interrupted as stopped:
         raise Interrupted(stopped.done and result_of(stopped.done)) from None
     return warn_failed(orbits, throw)
@@ -201,7 +200,7 @@ def lyapunov(
         >>> bool(found.exponents[0] < 0)
         True
     """
-    lanes = request_lanes(
+    resolved = resolve_options(
         scene,
         n_periods=n_periods,
         transient=transient,
@@ -209,22 +208,24 @@ def lyapunov(
         dims=dims,
         verb="lyapunov",
     )
-    kept, transient_periods, march = lanes.resolved.n_periods, lanes.resolved.transient, lanes.march
-    starts = lanes.with_states(lanes.scenes, state)
-    algorithms = [lyapunov_exponents(*lane, kept, transient_periods, march.steps, march.method) for lane in starts]
+    check_row(resolved.scene)
+    march = plan_march(resolved, resolved.lanes, FAST, tangents=True)
+    kept, scenes = resolved.n_periods, resolved.scenes
+    starts = resolved.with_states(scenes, state, march)
+    algorithms = [lyapunov_exponents(*lane, kept, resolved.transient, march.steps, march.method) for lane in starts]
 
     def missing(lane: int, flag: str) -> Exponents:
         status = Status.NOT_RUN if flag == "not run" else Status.NOT_FINITE
-        nan = np.full(len(state_places(lanes.scenes[lane]).all), np.nan)
+        nan = np.full(len(state_places(scenes[lane]).all), np.nan)
         return Exponents(nan, nan, np.empty((0, len(nan))), False, status, starts[lane][1])
 
     def result_of(exponents):
-        return Lyapunov.of_exponents(exponents, lanes.shape, lanes.scenes, **lanes.labels)
+        return Lyapunov.of_exponents(exponents, resolved.shape, scenes, **resolved.labels(march))
 
-    max_periods = transient_periods + MAX_ALIGNMENT_PERIODS + kept
+    max_periods = resolved.transient + MAX_ALIGNMENT_PERIODS + kept
     try:
         exponents = results_of_all(
-            lambda: run_together(algorithms, progress, max_periods), missing, throw or not lanes.shape
+            lambda: run_together(algorithms, progress, max_periods), missing, throw or not resolved.shape
         )
     except Interrupted as stopped:
         raise Interrupted(stopped.done and result_of(stopped.done)) from None

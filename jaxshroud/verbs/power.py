@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -21,8 +20,6 @@ from jaxshroud.march.method import FOR_P_D_WITH_LEDGER
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
-from jaxshroud.orbits.short_runs import end_states
-from jaxshroud.results.base import Labels
 from jaxshroud.results.power import PowerResult
 from jaxshroud.scene.checks import InputError, tolerance_argument
 from jaxshroud.scene.file import SceneFile
@@ -48,9 +45,15 @@ from jaxshroud.signals.averages import (
 )
 from jaxshroud.signals.equivalent import equivalent_values
 from jaxshroud.signals.period import NOT_SETTLED, PERIOD_TOLERANCE, Repetition
-from jaxshroud.verbs.arguments import ResolvedOptions, check_row, in_shape, resolve_options
-from jaxshroud.verbs.asked import MarchPlan, MethodArgument
-from jaxshroud.verbs.plan import plan_march, warn_missed
+from jaxshroud.verbs.arguments import (
+    MarchPlan,
+    MethodArgument,
+    ResolvedOptions,
+    plan_march,
+    resolve_options,
+    warn_missed,
+)
+from jaxshroud.verbs.lanes import check_row, in_shape
 from jaxshroud.verbs.settled import default_state, in_state, require_state
 from jaxshroud.verbs.trials import missed_lanes
 
@@ -266,8 +269,7 @@ def power(
     result = _power_result(resolved, summaries, march, chatter)
     warn_failures(result.status, chatter, throw=throw)
     if march.tried is not None:
-        missed = missed_lanes(lanes, march.tried, partial(end_states, ledger=True, vibration=True), progress)
-        warn_missed(missed, march.tried, result.final_energy_dropped)
+        warn_missed(missed_lanes(lanes, march.tried, progress), march.tried, result.final_energy_dropped)
     return result
 
 
@@ -292,7 +294,7 @@ def _run_longer(
     chatter = None
     while done < resolved.n_periods and len(running):
         n = min(max(FIRST_PERIODS, done), resolved.n_periods - done)  # doubles the number of periods
-        plan = Plan(transient, n, march.steps, 0.0, march.method)
+        plan = march.plan(transient, n)
         runs = _run_remaining(scenes, state, plan, ticker, count > 1)
         chatter = chatter or zeno_warning(scenes, runs, replace(plan, transient=resolved.transient + done))
         samples = [*samples, runs.samples]
@@ -352,8 +354,6 @@ def _power_result(
     final = {f"final_{name}": column for name, column in columns.items()}
     lanes = {"n": n, "P_d": P_d, "P_d_ci": ci, "status": np.array([one.status for one in summaries]), **final}
     lanes |= {name: np.stack([one.more[name] for one in summaries]) for name in summaries[0].more}
-    attributes, differing = resolved.provenance(resolved.transient, march.steps)
-    values = {**in_shape(lanes, resolved.shape), "chatter": chatter, **march.attributes}
-    labels: Labels = {"lanes": resolved.dims, "attrs": attributes, "more": differing}
+    values = {**in_shape(lanes, resolved.shape), "chatter": chatter}
     layout = resolved.scene.layout
-    return PowerResult.from_values(values, coords=layout.coords, layout=layout, **labels)
+    return PowerResult.from_values(values, coords=layout.coords, layout=layout, **resolved.labels(march))

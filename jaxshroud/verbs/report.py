@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.limits import check_size
-from jaxshroud.batch.plan import Plan, Progress, Ticker
+from jaxshroud.batch.plan import Progress, Ticker
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import FOR_P_D
 from jaxshroud.model.modes import Status
@@ -27,8 +27,7 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import T, typed
 from jaxshroud.scene.vary import level_of, value_of, with_numbers
 from jaxshroud.signals.amplitudes import check_resonance, check_vibration, counted_reduction
-from jaxshroud.verbs.arguments import ResolvedOptions, check_row, one_scene, resolve_options
-from jaxshroud.verbs.asked import Asked, MarchPlan, MethodArgument
+from jaxshroud.verbs.arguments import Asked, MarchPlan, MethodArgument, ResolvedOptions, plan_march, resolve_options
 from jaxshroud.verbs.attractors import attractors, row_motions
 from jaxshroud.verbs.check import check
 from jaxshroud.verbs.design_problem import (
@@ -41,7 +40,7 @@ from jaxshroud.verbs.design_problem import (
 )
 from jaxshroud.verbs.gradient import gradient
 from jaxshroud.verbs.gradient_ascent import verify_design
-from jaxshroud.verbs.plan import plan_march
+from jaxshroud.verbs.lanes import check_row, one_scene
 from jaxshroud.verbs.power import power
 from jaxshroud.verbs.report_findings import DesignFindings, RowFindings
 from jaxshroud.verbs.report_sections import Limits, ReportData, sections_of, worst_of
@@ -96,41 +95,6 @@ def varied_by(scene: Scene, scatters: Bounds, conditions: Conditions) -> Scene:
         return in_conditions
     at_ends = design_corners(problem_of(scene, scatters, {}))
     return jax.tree.map(lambda *a: np.concatenate(a), in_conditions, at_ends)
-
-
-def check_report(
-    scene: Scene,
-    resolved: ResolvedOptions,
-    limits: Limits,
-    scatters: Bounds,
-    conditions: Conditions,
-    counts: tuple[int, int, int],
-    of: RequiredReduction = "P_d",
-) -> None:
-    """Raise an InputError for arguments that a part of the report would refuse, or could say nothing about.
-
-    Args:
-        scene: The design.
-        resolved: The resolved arguments that all verbs share.
-        limits: The limits that are to be kept.
-        scatters: Keys of numbers that scatter, with their bounds.
-        conditions: Keys of operating conditions, with their values.
-        counts: Draws of the scatter, random starts, and the seed of both.
-        of: The reduction that is judged.
-    """
-    check_quantity(of, scene)
-    draws, starts, seed = counts
-    for name in ("most_force", "most_penetration"):
-        if not (value := getattr(limits, name)) > 0:
-            raise InputError(f"Argument `{name}` must be positive, but is {value}.")
-    check_at_least(limits.at_least)
-    count_argument("starts", starts, 1)
-    seed_argument(seed)
-    if scatters:
-        draw_rows(scene, scatters, limits.at_least, draws, seed, resolved, math.prod(map(np.size, conditions.values())))
-    in_conditions = varied_by(scene, {}, conditions)
-    check_vibration(of, in_conditions)
-    check_resonance(of, in_conditions)
 
 
 GAPS = 61  # values of the sweep over the gap
@@ -222,7 +186,19 @@ def report(
     limits, bounds, conditions = report_request(design, limits, scatters or {}, conditions or {}, tuned, of)
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
     judged_by = of or _reduction_of(tuned, design)
-    check_report(design, resolved, limits, bounds, conditions, (draws, starts, seed), judged_by)
+    check_quantity(judged_by, design)
+    for name in ("most_force", "most_penetration"):
+        if not (value := getattr(limits, name)) > 0:
+            raise InputError(f"Argument `{name}` must be positive, but is {value}.")
+    check_at_least(limits.at_least)
+    count_argument("starts", starts, 1)
+    seed_argument(seed)
+    if bounds:
+        n_conditions = math.prod(map(np.size, conditions.values()))
+        draw_rows(design, bounds, limits.at_least, draws, seed, resolved, n_conditions)
+    in_conditions = varied_by(design, {}, conditions)
+    check_vibration(judged_by, in_conditions)
+    check_resonance(judged_by, in_conditions)
     lanes = len(SINGLE_DIRECTIONS) * max(GAPS, ZOOMS * VALUES)
     blades = design.layout.blades
     check_size(lanes, resolved.transient, resolved.n_periods, blades=blades)
@@ -231,7 +207,7 @@ def report(
     counts = draws, starts, seed
     data = _report_data(problem, resolved, march, limits, bounds, counts, progress)._replace(tuned=tuned)
     verdict, reasons = report_verdict(data)
-    provenance, _ = resolved.provenance(resolved.transient, march.steps)
+    provenance, _ = resolved.provenance(march.steps)
     title = str(provenance.get("title") or "A design").partition(":")[0]
     sections = sections_of(data, verdict, reasons, str(provenance["scene"]), command)
     return Report(
@@ -292,7 +268,7 @@ def _report_data(
     if np.all(runs.status != Status.OK):
         raise NumericalError(f"The design stops before its end, with {Status(int(runs.status[0])).name}.")
     choices = march.method._replace(within=design.parts.contact == "spring")
-    problem = problem._replace(plan=Plan(resolved.transient, resolved.n_periods, march.steps, 0.0, choices))
+    problem = problem._replace(plan=march._replace(method=choices).plan(resolved.transient, resolved.n_periods))
     judged = judge_designs(problem, SCENE_ITSELF, lambda _: None)
     checks = done(verify_design(problem, SCENE_ITSELF[0], seed, lambda _: None))
     in_conditions = [jax.tree.map(lambda a, i=i: a[i], scenes) for i in range(len(rows))]

@@ -5,14 +5,16 @@ like one that damps it; the peaks compare resonances.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
+import jax
 import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxshroud.batch.linear_runs import linear_amplitude_values
 from jaxshroud.batch.plan import Progress
 from jaxshroud.linear.held_contact import LinearState, is_linear
+from jaxshroud.march.method import FOR_P_D
 from jaxshroud.march.method_names import RESPONSES
 from jaxshroud.orbits.peaks import AmplitudesAt, branch_peaks, linear_peaks
 from jaxshroud.results.branch import Branch
@@ -23,15 +25,15 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.keys import find_key
 from jaxshroud.scene.layout import Layout
-from jaxshroud.scene.quantities import counted_amplitude, free_name
+from jaxshroud.scene.quantities import Quantity, counted_amplitude, free_name
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.sector import smallest_ring
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of, vary, with_numbers
 from jaxshroud.signals.amplitudes import counted_reduction, free_amplitudes
-from jaxshroud.verbs.arguments import check_row, one_scene, resolve_options
-from jaxshroud.verbs.asked import MethodArgument
+from jaxshroud.verbs.arguments import MethodArgument, plan_march, resolve_options
 from jaxshroud.verbs.branch import BranchStart, continued, range_of
+from jaxshroud.verbs.lanes import check_row, one_scene
 from jaxshroud.verbs.settled import default_state, in_state
 from jaxshroud.verbs.sweep import sweep
 
@@ -185,7 +187,8 @@ def response(
             of a ring from localisation; by default 0, of rows 1.
         n_periods: Drive periods kept of each value of the sweeps; by default 64.
         transient: Drive periods run and discarded first; by default 64.
-        method: How to march: a method, or the accuracy that chooses one; see `method_for`.
+        method: How to march: a method, or the accuracy that chooses one for all parts, by both ends of the range; see
+            `method_for`.
         progress: Called with (lane-periods done, lane-periods in all) of each part; the latter is 0 while it is
             not known.
 
@@ -231,11 +234,14 @@ def response(
         scene = in_state(scene, linear)
         scenes = [in_state(one, linear) for one in scenes]
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, of_sweep=True)
-    run = {"n_periods": resolved.n_periods, "transient": resolved.transient, "method": resolved.asked}
+    ends = [scenes_at(with_numbers(one, [along]), [along], np.array([[low], [high]])) for one in scenes]
+    whole = 3 * num * (resolved.transient + resolved.n_periods)  # of a member
+    march = plan_march(resolved, jax.tree.map(lambda *a: np.concatenate(a), *ends), FOR_P_D, periods=whole / 2)
+    run = {"n_periods": resolved.n_periods, "transient": resolved.transient, "method": march.again}
     in_succession = int(plain.row is not None) if doublings is None else doublings
     sizes = (most_points or MOST_POINTS, in_succession)
     members = [_member(one, along, values, of, at, sizes, run, progress) for one in scenes]
-    attributes, _ = resolved.provenance(resolved.transient, int(members[0].sweep.steps_per_period))
+    attributes, _ = resolved.provenance(march.steps)
     return Response.of_members(members, along, of, family, counted_reduction(plain), attributes)
 
 
@@ -292,7 +298,8 @@ def _default_state(
 def _linear_amplitudes(scene: Scene, along: str, of: str) -> AmplitudesAt:
     """The amplitudes of a scene whose contact stays in one state, at values of a number."""
     numbered = with_numbers(scene, [along])
-    return lambda at: linear_amplitude_values(scenes_at(numbered, [along], at[:, None]), of)
+    quantity = cast(Quantity, of)
+    return lambda at: linear_amplitude_values(scenes_at(numbered, [along], at[:, None]), quantity)
 
 
 def _linear_member(

@@ -28,10 +28,9 @@ from jaxshroud.signals.amplitudes import check_vibration, counted_reduction
 from jaxshroud.signals.averages import stiffnesses
 from jaxshroud.signals.period import CLOSING_ROUNDINGS
 from jaxshroud.signals.statistics import SobolIndices, saltelli_rows, variance_indices
-from jaxshroud.verbs.arguments import ResolvedOptions, check_row, one_scene, resolve_options
-from jaxshroud.verbs.asked import MethodArgument
+from jaxshroud.verbs.arguments import MethodArgument, ResolvedOptions, plan_march, resolve_options
 from jaxshroud.verbs.design_problem import check_bounds, check_condition, check_objective
-from jaxshroud.verbs.plan import plan_march
+from jaxshroud.verbs.lanes import check_row, one_scene
 from jaxshroud.verbs.scattering import Spread, probability_values, scatter_bounds
 from jaxshroud.verbs.settled import default_state, in_state
 from jaxshroud.verbs.sweep import sweep
@@ -170,7 +169,7 @@ def scatter(
     values |= {"v_max": np.nanmax(run.v_max, initial=0), "N_max": np.nanmax(forces, initial=0)}
     values |= {"conditions_json": json.dumps({key: at.tolist() for key, at in condition_values.items()})}
     settings: dict[str, object] = {**march.attributes, "seed": seed, "stopped": stopped, "runs": lanes}
-    attrs = {"title": "", "scene": resolved.provenance(resolved.transient, march.steps)[0]["scene"]}
+    attrs = {"title": "", "scene": resolved.provenance(march.steps)[0]["scene"]}
     return Scatter.from_values({**values, **settings}, coords={"key": list(bounds)}, attrs=attrs)
 
 

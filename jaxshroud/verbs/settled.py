@@ -27,8 +27,8 @@ from jaxshroud.scene.sector import smallest_ring
 from jaxshroud.scene.speed import ORDER
 from jaxshroud.scene.title import display_value
 from jaxshroud.signals.amplitudes import is_preloaded
-from jaxshroud.verbs.arguments import flatten_lanes, leading_axes
-from jaxshroud.verbs.asked import Asked, MethodArgument
+from jaxshroud.verbs.arguments import Asked, MethodArgument
+from jaxshroud.verbs.lanes import flatten_lanes, leading_axes
 
 SPEED = ("drive", "speed")  # whose unit messages have
 DIED_OUT = 1e-3  # of a free vibration

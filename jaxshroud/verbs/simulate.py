@@ -27,9 +27,8 @@ from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.signals.amplitudes import sampled_amplitude_values
 from jaxshroud.signals.averages import contact_shares
-from jaxshroud.verbs.arguments import ResolvedOptions, check_row, in_shape, resolve_options
-from jaxshroud.verbs.asked import MethodArgument
-from jaxshroud.verbs.plan import plan_march, warn_missed
+from jaxshroud.verbs.arguments import MethodArgument, ResolvedOptions, plan_march, resolve_options, warn_missed
+from jaxshroud.verbs.lanes import check_row, in_shape
 from jaxshroud.verbs.trials import missed_lanes
 
 
@@ -116,14 +115,13 @@ def simulate(
     result = _trajectory(resolved, in_shape(columns, resolved.shape), common)
     warn_failures(result.status, chatter, throw=throw)
     if march.tried is not None:
-        missed = missed_lanes(lanes, march.tried, trajectory_ends, progress)
-        warn_missed(missed, march.tried, result.energy_dropped)
+        warn_missed(missed_lanes(lanes, march.tried, progress), march.tried, result.energy_dropped)
     return result
 
 
 def _trajectory(resolved: ResolvedOptions, values: dict[str, Any], common: dict[str, Any]) -> Trajectory:
     """The result from the values of all lanes and those that they share."""
-    attributes, numbers = resolved.provenance(0, common["steps_per_period"])
+    attributes, numbers = resolved._replace(transient=0).provenance(common["steps_per_period"])
     times = values.pop("t")
     time = {"units": "s", "long_name": "time"}
     layout = resolved.scene.layout

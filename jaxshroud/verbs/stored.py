@@ -78,7 +78,10 @@ class SweepTask(NamedTuple):
         lanes, precise, states = jax.tree.map(lambda a: np.asarray(a)[numbers.ravel()], whole)
         scene = jax.tree.map(lambda a: a[at[:outer]], resolved.scene) if outer else resolved.scene
         part = Grid(
-            resolved=resolved._replace(scene=scene, shape=numbers.shape[:outer]),
+            # workers tell nobody
+            resolved=resolved._replace(
+                scene=scene, shape=numbers.shape[:outer], asked=resolved.asked._replace(told=None)
+            ),
             lanes=lanes,
             axes={key: grid.axes[key][values] for key, values in zip(grid.axes, at[outer:], strict=True)},
             precise=precise,

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxshroud.batch.limits import check_size
-from jaxshroud.batch.plan import Plan, Progress, Ticker
+from jaxshroud.batch.plan import Progress, Ticker
 from jaxshroud.batch.runs import SweepHandover
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.io.lane_status import warn_failures
@@ -27,10 +27,9 @@ from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.signals.period import PERIOD_TOLERANCE
-from jaxshroud.verbs.arguments import ResolvedOptions, check_row, flatten_lanes, refuse_traced, resolve_options
-from jaxshroud.verbs.asked import MethodArgument
+from jaxshroud.verbs.arguments import MethodArgument, ResolvedOptions, plan_march, resolve_options, warn_missed
 from jaxshroud.verbs.jumps import with_jumps
-from jaxshroud.verbs.plan import plan_march, warn_missed
+from jaxshroud.verbs.lanes import check_row, flatten_lanes, refuse_traced
 from jaxshroud.verbs.settled import in_state, require_state
 from jaxshroud.verbs.stored import SweepTask, store_sweep
 from jaxshroud.verbs.sweep_run import (
@@ -175,7 +174,7 @@ def sweep(
         numbers=np.arange(math.prod(grid.shape)),
     )
     states = None if state is None else resolved.states(state, grid.lanes)
-    plan = Plan(resolved.transient, resolved.n_periods, march.steps, phase, march.method)
+    plan = march.plan(resolved.transient, resolved.n_periods, phase)
     periods = lane_periods(plan, lyapunov) + confirm * lane_periods(plan, lyapunov=False)
     ticker = Ticker(lanes * periods, progress)
     settings = SweepSettings(plan, march, period_tol, ticker, keep_samples, confirm=confirm)

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -24,7 +23,6 @@ from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.orbits.lyapunov import ALIGNMENT_PERIODS, largest_exponents, with_phase_shift
-from jaxshroud.orbits.short_runs import end_states
 from jaxshroud.results.sweep import GAP_ATTRS, SweepResult, sweep_coordinates
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.layout import Direction
@@ -38,8 +36,8 @@ from jaxshroud.signals.amplitudes import (
 )
 from jaxshroud.signals.averages import averages, contact_shares, relative_drop, relative_residual
 from jaxshroud.signals.period import SETTLED
-from jaxshroud.verbs.arguments import ResolvedOptions, in_shape
-from jaxshroud.verbs.asked import MarchPlan
+from jaxshroud.verbs.arguments import MarchPlan, ResolvedOptions
+from jaxshroud.verbs.lanes import in_shape
 from jaxshroud.verbs.trials import missed_lanes
 
 MAX_LANES_AT_ONCE = 4096  # lanes whose samples are in memory at once where the result does not keep them
@@ -186,7 +184,7 @@ def _run_grid(
 def known_values(grid: Grid, plan: Plan) -> dict[str, Any]:
     """What a result has before any lane has run: `coords`, `attrs` and `more` of `Result.from_values`."""
     periods = np.arange(plan.transient + 1, plan.transient + plan.kept + 1)
-    attributes, differing = grid.resolved.provenance(plan.transient, plan.steps_per_period)
+    attributes, differing = grid.resolved.provenance(plan.steps_per_period)
     more: dict[str, Any] = {name: variable for name, variable in differing.items() if name not in grid.dims}
     if "gap" not in grid.dims and (grid.axes or "gap" not in more):
         gap = np.asarray(grid.lanes.running_shroud.gap)
@@ -204,9 +202,7 @@ def _sweep_result(grid: Grid, numbers: dict[str, object], chatter: str | None, s
     plan, march = settings.plan, settings.march
     common = {"phase": plan.phase, "period_tol": settings.period_tol, "chatter": chatter, **march.attributes}
     if march.tried is not None:
-        ends = partial(end_states, vibration=True)
-        progress = settings.ticker.report
-        numbers = numbers | {"inaccurate": missed_lanes(grid.lanes, march.tried, ends, progress)}
+        numbers = numbers | {"inaccurate": missed_lanes(grid.lanes, march.tried, settings.ticker.report)}
     known = known_values(grid, plan)
     known["attrs"]["complete"] = int(not np.any(numbers["status"] == Status.NOT_RUN))
     values = {**in_shape(numbers, grid.shape), **common}

@@ -24,8 +24,8 @@ from jaxshroud.scene.sector import require_sector
 from jaxshroud.scene.typed import typed
 from jaxshroud.signals.amplitudes import check_vibration, counted_reduction
 from jaxshroud.signals.period import NOT_SETTLED, SETTLED
-from jaxshroud.verbs.arguments import check_row, one_scene, resolve_options
-from jaxshroud.verbs.asked import MethodArgument
+from jaxshroud.verbs.arguments import MethodArgument, resolve_options
+from jaxshroud.verbs.lanes import check_row, one_scene
 from jaxshroud.verbs.settled import default_state, in_state
 from jaxshroud.verbs.sweep import sweep
 

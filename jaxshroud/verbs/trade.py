@@ -33,8 +33,8 @@ from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of
 from jaxshroud.signals.amplitudes import check_vibration
 from jaxshroud.signals.averages import averages
-from jaxshroud.verbs.arguments import one_scene
-from jaxshroud.verbs.asked import Setting, by_series
+from jaxshroud.verbs.accuracy import Setting, by_series
+from jaxshroud.verbs.lanes import one_scene
 
 LANE_SCATTER = 0.05  # relative, of the lanes around a scene
 SCATTERED_KEYS = ("contact.gamma", "shroud.gap", "drive.F_0[0]", "drive.F_0[1]", "drive.omega", "friction.mu")

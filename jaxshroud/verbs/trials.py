@@ -6,20 +6,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
 
+from jaxshroud.activity import counted
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.batch.plan import Progress, Tick, Ticker
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest, stiffness_ratio
 from jaxshroud.orbits.short_runs import HORIZON, HorizonEnds, end_states, state_errors
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.signals.averages import least_tilt
-from jaxshroud.verbs.asked import Choice, Setting, accuracy_level, by_series, flat_return_for
+from jaxshroud.verbs.accuracy import Choice, Setting, SettingTrial, accuracy_level, by_series, flat_return_for
 
 STIFFNESS_CLASSES = (1.5, 4.0, 12.0, np.inf)  # upper bounds of omega_max over the largest frequency without contact
 MAX_PROBED_LANES = 256  # on which a setting is tried before it is chosen
@@ -54,7 +55,6 @@ def choose(
     *,
     lane_periods: float | int = math.inf,
     ends: EndStates = end_states,
-    progress: Progress | None = None,
 ) -> Choice:
     """The setting by which scenes are marched with an accuracy.
 
@@ -71,7 +71,6 @@ def choose(
         accuracy: "fast", "balanced", "reference" or a number; see `NAMED`.
         lane_periods: Of the run that the choice is for; 0: the word of the table counts, if it has one.
         ends: Marches lanes to the horizon; best by the programs that the run needs.
-        progress: Called with (lane-periods done, in all) of each trial.
 
     Returns:
         The cheapest setting that is accurate enough, promised; else about the best one, not promised; the finest that
@@ -81,7 +80,7 @@ def choose(
         ValueError: There is no such accuracy.
     """
     level = accuracy_level(accuracy)
-    lanes = jax.tree.map(lambda a: np.reshape(a, (-1, *np.shape(a)[batch_dims:])), scenes)
+    lanes = without_given(jax.tree.map(lambda a: np.reshape(a, (-1, *np.shape(a)[batch_dims:])), scenes))
     frequency_and_period = stiffest(lanes, 1)
     choices = []
     spent = 0
@@ -103,9 +102,10 @@ def choose(
     while candidates:
         setting, *candidates = candidates
         steps = setting.steps(*frequency_and_period)
-        trial = setting_trial(probe, setting, steps, ends, progress)
+        with counted("lane-periods of a trial of a method", 2 * HORIZON * len(probe.drive.omega)) as tick:
+            trial = setting_trial(probe, setting, steps, ends, tick)
         error = ERROR_MARGIN * _promised_error(trial.errors)
-        choices.append(Choice(level, setting, steps, error <= level, error))
+        choices.append(Choice(level, setting, steps, error <= level, error, trial=trial))
         if choices[-1].promised:
             return choices[-1]
         candidates = [finer for finer in candidates if _may_suffice(finer, setting, error / level)]
@@ -182,31 +182,34 @@ def _promised_error(errors: np.ndarray) -> float:
     return float(np.quantile(finite, PROMISED_SHARE, method="higher")) if len(finite) else 0.0
 
 
-class SettingTrial(NamedTuple):
-    """What a trial of a setting has shown."""
-
-    errors: np.ndarray  # (lanes,); NaN where a lane stops
-    own_work: int  # trial steps by the setting
-    work: int  # with those by the finer one
-
-
-def setting_trial(
-    scenes: Scene, setting: Setting, steps: int, ends: EndStates = end_states, progress: Progress | None = None
-) -> SettingTrial:
+def setting_trial(scenes: Scene, setting: Setting, steps: int, ends: EndStates, tick: Tick) -> SettingTrial:
     """The error of each lane (leading axis) by comparison with a finer march in float64.
 
     Both march to the horizon by `ends`. The finer march is driven by forces that are a few roundings larger, so that
     the growth of roundings counts too.
     """
-    ticker = Ticker(2 * HORIZON * len(scenes.drive.omega), progress)
     perturbed = eqx.tree_at(lambda s: s.drive, scenes, scenes.drive.scaled(1 + FORCE_PERTURBATION))
-    own = ends(scenes, steps, setting.method, ticker)
-    finer = ends(perturbed, 2 * steps, setting.finer(1).exact.method, ticker)
-    return SettingTrial(state_errors(own.motions, finer.motions), own.trials, own.trials + finer.trials)
+    own = ends(scenes, steps, setting.method, tick)
+    finer = ends(perturbed, 2 * steps, setting.finer(1).exact.method, tick)
+    return SettingTrial(scenes, ends, state_errors(own.motions, finer.motions), own.trials, own.trials + finer.trials)
 
 
-def missed_lanes(
-    scenes: Scene, choice: Choice, ends: EndStates = end_states, progress: Progress | None = None
-) -> np.ndarray:
-    """Whether each lane (leading axis) may miss the accuracy: whether it differs too much from the finer march."""
-    return ~(setting_trial(scenes, choice.setting, choice.steps, ends, progress).errors <= choice.accuracy)
+def missed_lanes(scenes: Scene, choice: Choice, progress: Progress | None = None) -> np.ndarray:
+    """Whether each lane (leading axis) may miss the accuracy: whether it differs too much from the finer march.
+
+    Where the method was chosen by a trial of the same lanes, that trial says so.
+    """
+    trial = choice.trial
+    lanes = without_given(scenes)
+    if trial is None or not _are_same(lanes, trial.scenes):
+        ends = end_states if trial is None else trial.ends
+        ticker = Ticker(2 * HORIZON * len(lanes.drive.omega), progress)
+        trial = setting_trial(lanes, choice.setting, choice.steps, ends, ticker)
+    return ~(trial.errors <= choice.accuracy)
+
+
+def _are_same(scenes: Scene, others: Scene) -> bool:
+    """Whether scenes (leading axis) are the same ones in the same order."""
+    values, of_others = jax.tree.leaves(scenes), jax.tree.leaves(others)
+    alike = jax.tree.structure(scenes) == jax.tree.structure(others)
+    return alike and all(map(np.array_equal, values, of_others))

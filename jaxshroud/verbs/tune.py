@@ -24,8 +24,7 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import text_of
 from jaxshroud.scene.typed import typed
 from jaxshroud.signals.amplitudes import counted_reduction
-from jaxshroud.verbs.arguments import check_row, one_scene, resolve_options
-from jaxshroud.verbs.asked import MarchPlan, MethodArgument
+from jaxshroud.verbs.arguments import MarchPlan, MethodArgument, plan_march, resolve_options
 from jaxshroud.verbs.design_problem import (
     Goal,
     Problem,
@@ -56,7 +55,7 @@ from jaxshroud.verbs.gradient_ascent import (
     runs_of_checks,
     verify_design,
 )
-from jaxshroud.verbs.lanes import with_tangents
+from jaxshroud.verbs.lanes import check_row, one_scene
 from jaxshroud.verbs.robust import RobustnessRequest, robustness, robustness_request
 from jaxshroud.verbs.scattering import Scattering, scattering_of
 from jaxshroud.verbs.settled import default_state, in_state, require_state
@@ -176,10 +175,10 @@ def tune(
     if is_linear(problem.scene):
         require_state(scenes_of(problem, scanned), problem.runs)
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
-    march = with_tangents(resolved, design_corners(problem), FOR_P_D)
+    march = plan_march(resolved, design_corners(problem), FOR_P_D, tangents=True)
     within = bool(min(most_penetration, most_force) < np.inf)
     choices = march.method._replace(within=within, amplitudes=amplitude_of(of) is not None)
-    plan = Plan(resolved.transient, resolved.n_periods, march.steps, 0.0, choices)
+    plan = march._replace(method=choices).plan(resolved.transient, resolved.n_periods)
     limits = {"most_penetration": most_penetration, "most_force": most_force}
     problem = problem._replace(goal=goal, **limits, plan=plan, state=state)
     lanes = _most_lanes(problem, counts) + (robust_request.lanes(problem) if robust_request else 0)

@@ -21,7 +21,7 @@ from jaxshroud.march.stability import stiffest, stiffness_ratio
 from jaxshroud.orbits.short_runs import HORIZON, end_states, run_from_start, state_errors
 from jaxshroud.scene.vary import vary
 from jaxshroud.signals.averages import least_tilt
-from jaxshroud.verbs.asked import LEVELS, Setting, by_series
+from jaxshroud.verbs.accuracy import LEVELS, Setting, by_series
 from jaxshroud.verbs.trade import REFERENCE_SETTING
 from jaxshroud.verbs.trials import PARALLEL, PARALLEL_TILT, STIFFNESS_CLASSES, TILTED
 

@@ -2,7 +2,6 @@
 
 from collections import Counter
 from importlib import import_module
-from inspect import signature
 
 import pytest
 
@@ -10,20 +9,11 @@ import jaxshroud as js
 from jaxshroud.cli.command_table import COMMANDS, GROUPS
 from jaxshroud.cli.option_table import SHARED_OPTIONS
 
-RUN = {"n_periods", "transient"}  # arguments that the scene's [run] gives
-
 
 def destination(option):
     """The name under which an option is found."""
     shared = SHARED_OPTIONS[option] if isinstance(option, str) else option
     return shared.dest or shared.name.lstrip("-").replace("-", "_")
-
-
-@pytest.mark.parametrize("name", [name for name, command in COMMANDS.items() if command.arguments])
-def test_arguments_are_those_of_the_verb_and_come_from_options(name):
-    command = COMMANDS[name]
-    assert {*command.arguments} <= set(signature(getattr(js, name)).parameters)
-    assert {*command.arguments} - RUN <= {destination(option) for option in command.options}
 
 
 @pytest.mark.parametrize("name", COMMANDS)

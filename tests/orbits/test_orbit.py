@@ -6,6 +6,7 @@ from functools import partial
 import jax
 import numpy as np
 import pytest
+from quotients import on_orbit
 
 import jaxshroud as js
 from jaxshroud import load, value_of
@@ -26,7 +27,7 @@ from jaxshroud.orbits.shooting import _shooting_step, moved_start
 from jaxshroud.results.orbit import Orbit
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.vary import vary
-from jaxshroud.verbs.gradient import differences, on_orbit
+from jaxshroud.verbs.gradient import differences
 
 STEPS = {"method": js.RungeKutta(steps=400)}
 orbit, gradient, simulate = (partial(verb, **STEPS) for verb in (js.orbit, js.gradient, js.simulate))

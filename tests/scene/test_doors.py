@@ -284,7 +284,7 @@ def test_scenes_of_several_engine_orders_are_stacked_and_stored():
     fours = file_of("orders 4 and 8").scene
     sixes = parse(OWN["orders 4 and 8"].replace("= 4\n", "= 6\n").replace("= 8\n", "= 12\n"), "sixes").scene
     stacked = stack_scenes([fours, sixes])
-    attrs, more = resolve_options(stacked).provenance(1, 100)
+    attrs, more = resolve_options(stacked).provenance(100)
     again = scenes_from_dataset(xr.Dataset(more, attrs=attrs), (2,), "float64")
     for i, one in enumerate((fours, sixes)):
         lane = jax.tree.map(lambda a, i=i: np.asarray(a)[i], again)

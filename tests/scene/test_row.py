@@ -22,7 +22,8 @@ from jaxshroud.scene.overrides import axis
 from jaxshroud.scene.scene import Row
 from jaxshroud.scene.text import text_of
 from jaxshroud.scene.vary import level_of, numbers_of, numbers_that_count, with_numbers
-from jaxshroud.verbs.arguments import leading_axes, resolve_options
+from jaxshroud.verbs.arguments import resolve_options
+from jaxshroud.verbs.lanes import leading_axes
 
 RING, CHAIN = "row_ring12", "row_chain5"
 BARE = """
@@ -211,7 +212,7 @@ def test_results_name_blades_and_interfaces_of_rows_by_number():
     assert key_label("shroud.gap[0]", row_layout(5, True).names) == r"initial gap, interface 0 $\Delta$"
     assert (dimension("blades.m[1]"), key_label("blades.m[1]")) == ("m_right", "mass, right blade $m$")
     lanes = js.scenes_from({"shroud.gap[3]": [1e-5, 2e-5], "blades.m[0]": [0.1, 0.2]}, load(CHAIN))
-    more = resolve_options(lanes).provenance(1, 100)[1]
+    more = resolve_options(lanes).provenance(100)[1]
     assert {name: dims for name, (dims, *_) in more.items()} == {"gap": ("lane", "interface"), "m": ("lane", "blade")}
 
 

@@ -29,7 +29,7 @@ from side_by_side import scene_of
 
 from jaxshroud.orbits.short_runs import HORIZON, end_states, state_errors
 from jaxshroud.scene.scene import Scene
-from jaxshroud.verbs.asked import Choice, by_series
+from jaxshroud.verbs.accuracy import Choice, by_series
 from jaxshroud.verbs.trials import choose, missed_lanes
 from jaxshroud.version import __version__
 

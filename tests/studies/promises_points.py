@@ -33,8 +33,7 @@ from jaxshroud.march.method import FAST, choices  # noqa: E402
 from jaxshroud.orbits.short_runs import end_states, state_errors  # noqa: E402
 from jaxshroud.scene.keys import Motion  # noqa: E402
 from jaxshroud.scene.scene import Scene  # noqa: E402
-from jaxshroud.verbs.arguments import resolve_options  # noqa: E402
-from jaxshroud.verbs.plan import plan_march  # noqa: E402
+from jaxshroud.verbs.arguments import plan_march, resolve_options  # noqa: E402
 from jaxshroud.verbs.trials import missed_lanes  # noqa: E402
 
 SCENES, SEED, ASKED = 40, 33, (1e-3, 1e-6, 1e-9)

@@ -547,7 +547,7 @@ def traded() -> Iterator[Run]:
 
     def does(given: Given) -> Values:
         trade = import_module("jaxshroud.verbs.trade")
-        setting = import_module("jaxshroud.verbs.asked").Setting
+        setting = import_module("jaxshroud.verbs.accuracy").Setting
         ways = [trade.by_setting(setting("rk4", locate, "float64", 0.5)) for locate in ("cubic", "none")]
         scene = given.scene("table1", "contact.gamma=2.5", "drive.F_0=60")
         came = trade.trade(scene, methods=ways, lanes=8, transient=8, n_periods=8, seed=0)

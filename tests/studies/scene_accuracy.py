@@ -38,9 +38,7 @@ from jaxshroud.march.method import FAST, Method, choices  # noqa: E402
 from jaxshroud.model.prepared import State  # noqa: E402
 from jaxshroud.scene.layout import PAIR  # noqa: E402
 from jaxshroud.signals.averages import averages  # noqa: E402
-from jaxshroud.verbs.arguments import resolve_options  # noqa: E402
-from jaxshroud.verbs.asked import Asked  # noqa: E402
-from jaxshroud.verbs.plan import plan_march  # noqa: E402
+from jaxshroud.verbs.arguments import Asked, plan_march, resolve_options  # noqa: E402
 
 NEAR, DOUBTS, NUDGE = 0.02, 1.5, 2.0**-50
 BEFORE, FINE = js.RungeKutta(steps=400), js.RungeKutta("dopri8", steps=6400)

@@ -28,11 +28,11 @@ import jaxshroud as js
 from jaxshroud.fitting.least_squares import Estimate, Minimum, Misfit, estimate_at
 from jaxshroud.fitting.searches import remarched
 from jaxshroud.io.measurements import measurements_from
+from jaxshroud.march.method import FAST
 from jaxshroud.verbs import fit as verb
-from jaxshroud.verbs.arguments import resolve_options
+from jaxshroud.verbs.arguments import plan_march, resolve_options
 from jaxshroud.verbs.fit import fit_problem
 from jaxshroud.verbs.fit_models import HistoryModel, fit_corners, model_of
-from jaxshroud.verbs.lanes import with_tangents
 
 HISTORIES, SEEDS, DRAWN = 40, 1, (101, 102, 103)
 METHOD = js.Taylor(order=14, tolerance=1e-10)  # that of accuracy 1e-6
@@ -52,7 +52,7 @@ def truth_of(history: History) -> Truth:
     """chi^2 and the linear intervals at the truth, with the true noise."""
     data = measurements_from(history.table)
     problem = fit_problem(history.scene, data, history.bounds)
-    march = with_tangents(resolve_options(history.scene, method=METHOD), fit_corners(problem))
+    march = plan_march(resolve_options(history.scene, method=METHOD), fit_corners(problem), FAST, tangents=True)
     model = model_of(problem, data, march, 1)
     assert isinstance(model, HistoryModel)
     _, slopes = model.refined()(problem.cube(np.array([[*history.truth.values()]])))

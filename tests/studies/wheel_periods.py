@@ -22,8 +22,8 @@ from jaxshroud.march.method import FOR_P_D
 from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.verbs.arguments import flatten_lanes, resolve_options
-from jaxshroud.verbs.plan import plan_march
+from jaxshroud.verbs.arguments import plan_march, resolve_options
+from jaxshroud.verbs.lanes import flatten_lanes
 from jaxshroud.verbs.sweep_run import SweepSettings, _lane_numbers
 
 RPM = 2 * np.pi / 60

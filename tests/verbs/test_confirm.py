@@ -6,7 +6,7 @@ import pytest
 import jaxshroud as js
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.verbs import sweep_run as confirm
-from jaxshroud.verbs.asked import Setting, by_series
+from jaxshroud.verbs.accuracy import Setting, by_series
 from jaxshroud.verbs.sweep_run import confirmed_run
 
 SMALL = dict(n_periods=4, transient=2, method=js.RungeKutta(steps=100))
@@ -60,7 +60,7 @@ def test_an_interruption_of_the_second_run_keeps_the_first(swept):
         return js.SweepResult(swept.data.drop_vars("unconfirmed"))
 
     plan = js.batch.plan.Plan(2, 4, 100, 0.0, js.march.method.Choices())
-    march = js.verbs.asked.MarchPlan(100, plan.method)
+    march = js.verbs.arguments.MarchPlan(100, plan.method)
     with pytest.raises(Interrupted) as stopped:
         confirmed_run(run, js.verbs.sweep_run.SweepSettings(plan, march, 1e-3, None, confirm=True))
     assert stopped.value.done.unconfirmed is None
@@ -70,7 +70,7 @@ def test_an_interruption_of_the_second_run_keeps_the_first(swept):
 def test_what_confirms_a_sweep_is_finer_as_what_tries_a_method(setting):
     # One rule: half the step, a tenth of the tolerance, and a quarter of the share within which faces become flat.
     plan = js.batch.plan.Plan(2, 4, 100, 0.0, setting.method)
-    march = js.verbs.asked.MarchPlan(100, plan.method)
+    march = js.verbs.arguments.MarchPlan(100, plan.method)
     finer = confirm._finer_settings(js.verbs.sweep_run.SweepSettings(plan, march, 1e-3, None, confirm=True)).plan
     assert finer.steps_per_period == 200
     assert finer.method == setting.finer(1).method

@@ -9,7 +9,7 @@ import jaxshroud as js
 from jaxshroud.batch.rollout import rollout
 from jaxshroud.io.measurements import measurements_from
 from jaxshroud.signals.effects import between, with_interval
-from jaxshroud.verbs.asked import accuracy_level
+from jaxshroud.verbs.accuracy import accuracy_level
 
 IN_X = ['parts.motion=["x"]']
 HOW = {"n_periods": 2, "transient": 1, "method": js.RungeKutta(steps=100)}

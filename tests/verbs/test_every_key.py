@@ -165,7 +165,7 @@ def test_a_lane_of_a_stored_result_is_the_scene_of_an_override(key):
 def test_scenes_of_many_lanes_are_stored_and_read(key):
     # Rows that differ in one number, and in all that is worked out from it, come back bit for bit.
     scenes = js.scenes_from({key: list(two_values("given", key))}, file_of("given"))
-    attrs, more = resolve_options(scenes).provenance(1, 100)
+    attrs, more = resolve_options(scenes).provenance(100)
     again = scenes_from_dataset(xr.Dataset(more, attrs=attrs), (2,), "float64")
     assert list(more) == [dimension(key)]
     assert_same(again, scenes)

@@ -8,11 +8,11 @@ import pytest
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
 from jaxshroud.io.measurements import measurements_from
+from jaxshroud.march.method import FAST
 from jaxshroud.scene.scene import without_given
-from jaxshroud.verbs.arguments import resolve_options
+from jaxshroud.verbs.arguments import plan_march, resolve_options
 from jaxshroud.verbs.fit import fit_problem
 from jaxshroud.verbs.fit_models import HistoryModel, ResponseModel
-from jaxshroud.verbs.lanes import with_tangents
 
 STEPS = 200
 HOW = js.RungeKutta(steps=STEPS)
@@ -33,7 +33,7 @@ def history(scene, every=10, noise=0.0, seed=0):
 
 def choices_of(scene):
     resolved = resolve_options(scene, method=HOW)
-    return with_tangents(resolved, resolved.lanes).method
+    return plan_march(resolved, resolved.lanes, FAST, tangents=True).method
 
 
 def quotients(model, u, step):

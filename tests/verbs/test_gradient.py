@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from quotients import on_orbit
 
 import jaxshroud as js
 from jaxshroud import load, sweep
@@ -11,7 +12,7 @@ from jaxshroud.batch.plan import Plan
 from jaxshroud.march.method import FAST
 from jaxshroud.orbits.gradient import scenes_around, smoothed_gradient
 from jaxshroud.scene.vary import with_numbers
-from jaxshroud.verbs.gradient import differences, on_orbit
+from jaxshroud.verbs.gradient import differences
 
 PLAN = Plan(16, 32, 200, 0.0, FAST)
 SIGMA = 0.01

@@ -12,16 +12,16 @@ import xarray as xr
 
 import jaxshroud as js
 from jaxshroud.batch.limits import MAX_LANE_PERIODS, check_memory, check_size
-from jaxshroud.batch.xla import one_lane
 from jaxshroud.cli import commands as cli
 from jaxshroud.cli import describe
 from jaxshroud.cli.commands import join_negative_values
-from jaxshroud.cli.run_options import load_scene, resolve_method
+from jaxshroud.cli.run_options import asked_method, load_scene, print_march
 from jaxshroud.cli.sweep import with_axes
 from jaxshroud.march.method import FAST, Choices, choices
 from jaxshroud.march.tableau import tableau
 from jaxshroud.scene.layout import Parts
 from jaxshroud.scene.scene import Contact
+from jaxshroud.verbs.arguments import plan_march, resolve_options
 
 pytestmark = pytest.mark.full
 
@@ -197,7 +197,8 @@ def test_explain_marches_as_the_accuracy_says(capsys):
 def test_an_accuracy_that_has_no_choice_is_told(capsys):
     options = cli.parser().parse_args(["explain", "table1", "--set", "parts.contact=none", "--accuracy", "1e-4"])
     file = load_scene(options)
-    assert resolve_method(file, one_lane(file.scene), options, FAST)[1] is None
+    resolved = resolve_options(file.scene, method=asked_method(file, options))
+    print_march(file, options, resolved.lanes, plan_march(resolved, resolved.lanes, FAST))
     assert "--accuracy has no choice" in capsys.readouterr().err
 
 

@@ -10,9 +10,8 @@ import jaxshroud as js
 from jaxshroud.march.method import FAST
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.plotting.documents import TABLE_COLUMNS, Section, html_document, pdf_document, section_lines
-from jaxshroud.verbs.arguments import resolve_options
+from jaxshroud.verbs.arguments import plan_march, resolve_options
 from jaxshroud.verbs.attractors import row_motions
-from jaxshroud.verbs.plan import plan_march
 
 METHOD = js.RungeKutta("dopri8", steps=100)
 RING = ["row.blades=3", "drive.engine_order=1", 'parts.motion=["x"]', "blades.c_x=40"]

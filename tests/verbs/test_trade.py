@@ -22,9 +22,9 @@ from jaxshroud.orbits import short_runs
 from jaxshroud.orbits.short_runs import HORIZON, end_states, state_errors, trajectory_ends
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.vary import vary
-from jaxshroud.verbs import plan, trade
+from jaxshroud.verbs import arguments, trade
 from jaxshroud.verbs import trials as accuracy
-from jaxshroud.verbs.asked import Choice, Setting, accuracy_level, by_series
+from jaxshroud.verbs.accuracy import Choice, Setting, accuracy_level, by_series
 from jaxshroud.verbs.trade import REFERENCE_SETTING, SETTINGS, adaptive, by_setting, neighbourhood
 from jaxshroud.verbs.trials import PARALLEL, STIFFNESS_CLASSES, TILTED, choose, missed_lanes
 
@@ -227,7 +227,7 @@ def test_rocking_faces_keep_an_accuracy_near_rounding():
 @pytest.mark.full
 def test_who_asks_for_an_accuracy_in_python_is_warned_of_lanes_that_miss_it(table1, monkeypatch):
     wrong = Choice(1e-8, Setting("rk4", "cubic", "float64", 1.0), 100, True)
-    monkeypatch.setattr(plan, "choose", lambda *_, **__: wrong)
+    monkeypatch.setattr(arguments, "choose", lambda *_, **__: wrong)
     with pytest.warns(js.AccuracyWarning, match="1 of 1 runs may miss the accuracy of 1e-08"):
         js.simulate(table1, n_periods=1, method=1e-8)
     with pytest.warns(js.AccuracyWarning, match="1 of 1"):
@@ -325,6 +325,20 @@ def test_trials_end_with_a_tenth_of_the_steps_of_the_run(monkeypatch, periods, s
     assert len(events_of) == 2 * settings
     assert not choice.promised
     assert "not confirmed: 95 % of runs keep" in str(choice)
+
+
+def test_lanes_that_were_tried_are_not_tried_again(monkeypatch):
+    events_of: list[float] = []
+    rocking_without_end(monkeypatch, events_of)
+    lanes = scenes_at(load("table1_light", LIGHT).scene, ["contact.gamma"], np.linspace(1, 3, 20)[:, None])
+    choice = choose(lanes, 1, 1e-9, lane_periods=60)
+    marches = len(events_of)
+    assert missed_lanes(lanes, choice).all()
+    assert len(events_of) == marches
+    others = scenes_at(load("table1_light", LIGHT).scene, ["contact.gamma"], np.linspace(1, 2, 20)[:, None])
+    for more, scenes in enumerate((others, jax.tree.map(lambda a: a[::-1], lanes)), 1):
+        assert missed_lanes(scenes, choice).all()
+        assert len(events_of) == marches + 2 * more
 
 
 @pytest.mark.full

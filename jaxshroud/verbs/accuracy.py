@@ -1,14 +1,16 @@
-"""How to march: what is asked (a method, or an accuracy and the settings that it stands for), and what runs."""
+"""Accuracies, and the settings of methods that they stand for."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxshroud.march.method import FLAT_RETURN, Choices, Method, StepCount, method_as_json, method_of
+from jaxshroud.march.method import FLAT_RETURN, Choices
 from jaxshroud.march.method_names import Locate
 from jaxshroud.march.tableau import MIN_STEPS, TaylorOptions, tableau
 from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.scene import Scene
 
 LEVELS = tuple(10.0**-n for n in range(2, 11))
 NAMED = {"fast": 1e-3, "balanced": 1e-6, "reference": 1e-10}
@@ -92,6 +94,16 @@ def by_series(order: int, tolerance: float, product: float = 1.0) -> Setting:
     return Setting("taylor", "series", "float64", product, order=order, tolerance=tolerance)
 
 
+class SettingTrial(NamedTuple):
+    """What a trial of a setting has shown."""
+
+    scenes: Scene  # (lanes,)
+    ends: Callable[..., Any]  # by which they were marched
+    errors: np.ndarray  # (lanes,); NaN where a lane stops
+    own_work: int  # trial steps by the setting
+    work: int  # with those by the finer one
+
+
 @dataclass(frozen=True)
 class Choice:
     """A setting chosen for an accuracy."""
@@ -103,6 +115,7 @@ class Choice:
     reached: float = np.nan  # error that 95 % of the probed lanes keep, by comparison with a finer march
     why: str = ""  # it is not tried
     curtailed: bool = False  # not promised, and no finer setting was tried, as that would have taken too long
+    trial: SettingTrial | None = field(default=None, compare=False, repr=False)  # by which it was chosen
 
     @property
     def method(self) -> Choices:
@@ -123,72 +136,3 @@ class Choice:
             )
         best = f"{self.reached:.0e} is the best for 95 % of runs"
         return f"{text}; not to be had: {best}, as impacts multiply errors and flat contact drops its rocking"
-
-
-ACCURACY = "balanced"  # unless an argument or the scene file says how to march
-
-
-class MarchPlan(NamedTuple):
-    """What runs: a method with what it records, and the steps per period. Beside it stands what it was chosen for."""
-
-    steps: int  # per period
-    method: Choices
-    choice: Choice | None = None  # where an accuracy chose the method
-    in_closed_form: str = ""  # the state in which contact stays, where nothing is marched
-
-    @property
-    def tried(self) -> Choice | None:
-        """The choice, if its accuracy was tried on the scenes."""
-        return self.choice if self.choice is not None and self.choice.promised is not None else None
-
-    @property
-    def again(self) -> "Asked":
-        """The argument `method` of verbs that march the same way."""
-        return Asked(plan=self)
-
-    @property
-    def untried(self) -> "MarchPlan":
-        """The same for parts of a result, in which the accuracy is not given again."""
-        return self._replace(choice=None) if self.tried else self
-
-    @property
-    def attributes(self) -> dict[str, int | str]:
-        """The attributes of results that describe it."""
-        chosen = {} if self.choice is None else {"accuracy": str(self.choice)}
-        march = method_as_json(method_of(self.steps, self.method))
-        method = f"closed form, {self.in_closed_form}" if self.in_closed_form else str(self.method)
-        return {"steps_per_period": self.steps, "method": method, "march": march, **chosen}
-
-
-class Asked(NamedTuple):
-    """How to march as it was asked: by an accuracy, by a method or by steps alone, as another verb does, or not at all.
-
-    It is also the argument `method` by which a verb has another one march the same way.
-    """
-
-    accuracy: float | None = None
-    method: Method | None = None
-    steps: StepCount | None = None  # of the method or of the scene file
-    plan: MarchPlan | None = None
-    by_argument: bool = True  # rather than by a scene file
-
-    @property
-    def says_nothing(self) -> bool:
-        """Whether nothing was asked."""
-        return self.accuracy is None and self.method is None and self.steps is None and self.plan is None
-
-    @property
-    def level(self) -> float | None:
-        """The accuracy that chooses the method, by default `ACCURACY`; None where another thing was asked."""
-        if self.plan is not None:
-            return None if self.plan.choice is None else self.plan.choice.accuracy
-        return accuracy_level(ACCURACY) if self.says_nothing else self.accuracy
-
-    @property
-    def given_steps(self) -> StepCount:
-        """The steps per period that were requested; "auto" where none were."""
-        steps = self.steps if self.plan is None else self.plan.steps
-        return "auto" if steps is None else steps
-
-
-MethodArgument = Method | str | float | Asked | None
