@@ -33,7 +33,7 @@ from jaxshroud.results.scatter import SHARES, Scatter
 from jaxshroud.scene.drive_orders import check_continuous
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import parse_key
-from jaxshroud.scene.quantities import Quantity, is_reduction, unit_of
+from jaxshroud.scene.quantities import Quantity, check_quantity, is_reduction, unit_of
 from jaxshroud.scene.scene import Scene
 from jaxshroud.signals.amplitudes import check_resonance, check_vibration, counted_reduction
 from jaxshroud.signals.effects import Effect, with_interval
@@ -59,8 +59,9 @@ def _gradient_arguments(file: SceneFile, options: argparse.Namespace) -> dict[st
     if not 0 < options.sigma < float("inf"):
         raise CommandError(f"--sigma must be positive, but is {options.sigma}")
     of = options.of or counted_reduction(file.scene)
-    if is_reduction(of):
-        with input_errors_at(file.name):
+    with input_errors_at(file.name):
+        check_quantity(of, file.scene)
+        if is_reduction(of):
             check_vibration(of, file.scene)
             check_resonance(of, file.scene)
     if options.wrt == "all":

@@ -51,12 +51,12 @@ class DesignFindings:
 
     def heads(self, of: RequiredReduction) -> list[str]:
         """The heads of `cells`."""
-        return [] if self.runs.sigma_a is None else ["stress amplitude [MPa]"]
+        return [head for name, (head, _) in STRESS_CELLS.items() if getattr(self.runs, name) is not None]
 
     def cells(self, of: RequiredReduction, condition: int) -> list[str]:
         """What a table says of a condition beside the reduction that is judged."""
-        stress = self.runs.sigma_a
-        return [] if stress is None else [_largest_cell(stress[condition], 1e-6)]
+        stress = [(getattr(self.runs, name), per_si) for name, (_, per_si) in STRESS_CELLS.items()]
+        return [_largest_cell(values[condition], per_si) for values, per_si in stress if values is not None]
 
     def motion_cells(self, motions: Attractors, motion: int) -> list[str]:
         """What a table says of a coexisting motion beside what it says of all."""
@@ -77,6 +77,7 @@ class DesignFindings:
 
 
 MM_PER_M = 1e3
+STRESS_CELLS = {"sigma_a": ("stress amplitude [MPa]", 1e-6), "goodman": ("Goodman's utilisation", 1.0)}
 MOST_LINES = 24  # of a table of blades or interfaces
 WAVE_LINES, LEAST_WAVE = 6, 1e-3  # of a table of waves, and their least amplitude over the largest
 DOUBTFUL_VERDICTS = ("transient not over", "undecided", "stopped")
