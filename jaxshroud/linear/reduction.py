@@ -185,9 +185,8 @@ def reduced(
         least: The flexibility (coordinates,) below which a residual vector is left out.
     """
     count = len(omega)
-    at_shroud = B.T @ shapes
     whole = B.T @ K_inverse_B
-    R = K_inverse_B - shapes @ (at_shroud.T / omega[:, None] ** 2)
+    R = K_inverse_B - shapes @ (shapes.T @ B / omega[:, None] ** 2)
     A = B.T @ R
     A = (A + A.T) / 2
     scale = 1 / np.sqrt(np.diag(whole))
@@ -202,21 +201,21 @@ def reduced(
         raise InputError("A residual vector has no mass: give `residual_frequency` a finite value, or leave it out.")
     own = 1 / np.sqrt(np.where(massless, np.finfo(float).tiny, inverse_squares))
     given = np.where(massless | (own > ceiling), ceiling, own)
-    flexible = A @ half @ turned  # (coordinates, vectors): their flexibilities sum to A
-    counts = np.any(flexible**2 > least[:, None], axis=0)
+    W = V @ turned  # the residual vectors, of circular frequencies `own`
+    counts = np.any(least[:, None] < (B.T @ W) ** 2, axis=0)
     order = np.flatnonzero(counts)[np.argsort(given[counts], kind="stable")]
-    residual_zeta = np.full(len(order), zeta)
-    damping = np.full(count, zeta)
+    omegas = np.concatenate([omega, given[order]])
+    every = np.hstack([shapes, W[:, order] * given[order]])
+    damping = np.full(len(omegas), zeta)
     if C is not None:
-        damping = np.sum(shapes * (C @ shapes), axis=0) / (2 * omega)
-        W = V @ turned[:, order]
-        residual_zeta = np.minimum(np.sum(W * (C @ W), axis=0) * given[order] / 2, 1.0)
+        damping = np.sum(every * (C @ every), axis=0) / (2 * omegas)
+        damping[count:] = np.minimum(damping[count:], 1.0)
     return Reduced(
-        omega=np.concatenate([omega, given[order]]),
-        zeta=np.concatenate([damping, residual_zeta]),
+        omega=omegas,
+        zeta=damping,
         shapes=shapes,
-        at_shroud=np.hstack([at_shroud, flexible[:, order] * given[order]]),
-        residual=np.arange(count + len(order)) >= count,
+        at_shroud=B.T @ every,
+        residual=np.arange(len(omegas)) >= count,
         left_out=np.diag(A) / np.diag(whole),
         own_omega=np.concatenate([omega, own[order]]),
     )

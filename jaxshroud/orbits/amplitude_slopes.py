@@ -7,8 +7,10 @@ one on either side, and its derivative is one-sided: that of the side which rais
 
 from collections.abc import Callable
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.runs import sampled_motions
@@ -18,9 +20,11 @@ from jaxshroud.batch.tangents import TangentProblem, Tangents
 from jaxshroud.orbits.batched_algorithms import Algorithm, Derivatives, stacked
 from jaxshroud.orbits.orbit import PeriodicOrbit
 from jaxshroud.orbits.shooting import moved_start
-from jaxshroud.scene.modes import ModalBlades
-from jaxshroud.scene.quantities import Amplitude
-from jaxshroud.scene.scene import Scene, without_given
+from jaxshroud.scene.keys import LIMIT_KEYS
+from jaxshroud.scene.quantities import DISPLACEMENTS, Amplitude
+from jaxshroud.scene.scene import without_given
+from jaxshroud.scene.vary import named_number
+from jaxshroud.signals.amplitudes import stress_levels
 
 LEAST_SAMPLES = 256  # of a drive period, between which an extreme is looked for
 CLOSE = 1e-4  # relative distance within which an extreme may be the largest: above the error of the samples' cubics
@@ -53,8 +57,8 @@ def amplitude_slope(orbit: PeriodicOrbit, amplitude: Amplitude, problem: Tangent
     method = orbit.method._replace(amplitudes=True, vibration=False)
     whole = yield Derivatives(problem, orbit.q, orbit.steps_per_period, method)
     shift = moved_start(orbit.jacobian.by_state, whole.by_parameter, orbit.free_sliders)
-    if amplitude.displacement == "sigma":
-        return (yield from _stress_slope(orbit, problem, shift))
+    if amplitude.row == len(DISPLACEMENTS):
+        return (yield from _stress_slope(amplitude, orbit, problem, shift))
     by = whole.moments_by_parameter + whole.moments_by_state @ shift
     counts = orbit.scene.layout.counting
     (mean, square), (mean_by, square_by) = whole.moments[:, amplitude.row, counts], by[:, amplitude.row, counts]
@@ -85,19 +89,28 @@ def amplitude_slope(orbit: PeriodicOrbit, amplitude: Amplitude, problem: Tangent
     return largest_level(found, "blades tie" if several else "two peaks")
 
 
-def _stress_slope(orbit: PeriodicOrbit, problem: TangentProblem, shift: np.ndarray) -> Algorithm[AmplitudeSlope]:
-    """The derivatives of half the range of the stress; `shift` is that of the start, (numbers, keys)."""
+def _stress_slope(
+    amplitude: Amplitude, orbit: PeriodicOrbit, problem: TangentProblem, shift: np.ndarray
+) -> Algorithm[AmplitudeSlope]:
+    """The derivatives of half the range of the stress, or of Goodman's utilisation.
 
-    def of_modes(scene: Scene) -> np.ndarray:
-        assert isinstance(scene.blades, ModalBlades)
-        return np.stack([0 * mode.f if mode.sigma is None else mode.sigma for mode in scene.blades.modes])
+    `shift` is that of the start, (numbers, keys). Where the middle of the range, with the constant stress, is 0, the
+    utilisation has a derivative on either side of each number.
+    """
 
     def stress(at: Tangents) -> np.ndarray:
         """The stress and its rate, (2, blades)."""
         return np.sum(sigma * at.vector[: 2 * sigma.size].reshape(2, *sigma.shape), axis=1)
 
-    sigma = of_modes(problem.scene)  # (modes, blades)
-    sigma_by = np.stack([of_modes(along) for along in problem.directions], axis=-1)
+    def levels(numbers: Any) -> Any:
+        """Those of which the largest counts."""
+        return jnp.stack(stress_levels(*numbers))[counted]
+
+    counted = slice(0, 1) if amplitude.measure else slice(1, None)
+    keys = [*(f"blades.modes[{j}].sigma" for j in range(problem.scene.coordinates)), *LIMIT_KEYS]
+    # The stress of each mode, and the limits, with their slopes, (modes + 3, blades, 1 + keys).
+    own = np.stack([[named_number(one, key) for key in keys] for one in (problem.scene, *problem.directions)], axis=-1)
+    sigma = own[:-3, :, 0]
     places = np.arange(1, LEAST_SAMPLES * orbit.q + 1) / LEAST_SAMPLES
     alone = problem._replace(directions=(), by_state=False)
     requests = [_flow_to(place, orbit, alone) for place in places]
@@ -111,15 +124,18 @@ def _stress_slope(orbit: PeriodicOrbit, problem: TangentProblem, shift: np.ndarr
         near = CLOSE * np.ptp(heights)
         ends = []
         for is_end in (heights >= heights.max() - near, heights <= heights.min() + near):
-            levels = []
+            values = []
             for i in np.flatnonzero(is_end):
                 at = yield from _tangents_at(turns[i], orbit, problem, lambda at: stress(at)[1])
                 q = at.vector[: sigma.size].reshape(sigma.shape)[:, blade, None]
                 moved = (at.by_parameter + at.by_state @ shift)[: sigma.size].reshape(*sigma.shape, -1)[:, blade]
-                by = np.sum(sigma[:, blade, None] * moved + sigma_by[:, blade] * q, axis=0)
-                levels.append((stress(at)[0, blade], by))
-            ends.append(levels)
-        found += [((high - low) / 2, (up - down) / 2) for (high, up), (low, down) in product(*ends)]
+                by = np.sum(sigma[:, blade, None] * moved + own[:-3, blade, 1:] * q, axis=0)
+                values.append([stress(at)[0, blade], *by])
+            ends.append(values)
+        for of_ends in product(*ends):
+            numbers = np.array([*of_ends, *own[-3:, blade]])
+            slopes = np.asarray(jax.jacfwd(levels)(numbers[:, 0])) @ numbers[:, 1:]
+            found += zip(levels(numbers[:, 0]), slopes, strict=True)
     return largest_level(found, "blades tie" if sigma.shape[1] > 2 else "two peaks")
 
 

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxshroud.io.variable import Variable
-from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion, parse_key
 from jaxshroud.signals.effects import with_interval
 
@@ -50,21 +49,9 @@ class WithAmplitudes:
     theta_free_rms = Variable(FREE_RMS.format("theta"), "rad", ("blade",))
     sigma_a = Variable("half the range of the stress over whole orbits", "Pa", ("blade",))
     sigma_m = Variable("middle of that range", "Pa", ("blade",))
-
-    def goodman(self: Any, sigma_e: float, sigma_u: float, sigma_0: Any = 0.0) -> np.ndarray:
-        """The utilisation by Goodman of each lane and blade: sigma_a / sigma_e + (sigma_m + sigma_0) / sigma_u.
-
-        Args:
-            sigma_e: The amplitude that a blade endures without a mean [Pa].
-            sigma_u: Its ultimate strength [Pa]; a mean that presses counts as none.
-            sigma_0: A constant stress, such as that of the pull at speed [Pa].
-
-        Raises:
-            InputError: The result has no stress: no mode has a `sigma`, or amplitudes were not kept.
-        """
-        if self.sigma_a is None:
-            raise InputError("There is no stress: give modes their `sigma`, and run with amplitudes=True.")
-        return self.sigma_a / sigma_e + np.maximum(self.sigma_m + sigma_0, 0.0) / sigma_u
+    goodman = Variable(
+        "utilisation by Goodman: sigma_a / sigma_e + max(sigma_m + sigma_0, 0) / sigma_u", "1", ("blade",)
+    )
 
 
 class WithLoads:

@@ -14,13 +14,12 @@ from jaxshroud.scene.checks import SceneError, did_you_mean, fail, hint
 from jaxshroud.scene.document import resolve_derived_inputs
 from jaxshroud.scene.engine_orders import resolve_orders
 from jaxshroud.scene.file import Axis, SceneFile, table_values
-from jaxshroud.scene.keys import MODE_ENTRY
+from jaxshroud.scene.keys import MODE_ENTRY, list_length
 from jaxshroud.scene.layout import layout_with
 from jaxshroud.scene.load_table import resolve_table
 from jaxshroud.scene.messages import first_problem
 from jaxshroud.scene.mode_table import resolve_modes
 from jaxshroud.scene.nested_tables import flattened
-from jaxshroud.scene.optional import list_length
 from jaxshroud.scene.overrides import axes, axis, override
 from jaxshroud.scene.point_numbers import with_place_entries
 from jaxshroud.scene.schema import PHYSICS_TABLES, ROW_TYPE, TABLE_MODELS, scene_file_type

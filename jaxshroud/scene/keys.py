@@ -2,7 +2,7 @@
 
 import re
 from collections import ChainMap
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 from jaxshroud.scene.checks import KeyNameError, did_you_mean, hint
@@ -41,7 +41,7 @@ AT_REST = Motion._make([(0.0, 0.0)] * 6)
 KEY_PATTERN = re.compile(r"(?P<name>.*?)(\[(?P<index>0|[1-9]\d{0,3})\])?")
 HARMONIC_ENTRY = re.compile(r"harmonic\[(?P<index>0|[1-9]\d?)\]\.(?P<name>\w+)")  # of the table `drive`
 MODE_ENTRY = re.compile(r"modes\[(?P<index>0|[1-9]\d?)\]\.(?P<name>\w+)")  # of the table `blades`
-POINT_ENTRY = re.compile(r"point\[(?P<index>0|[1-9]\d?)\]\.place")  # of the table `contact`
+POINT_ENTRY = re.compile(r"point\[(?P<index>0|[1-9]\d?)\]\.(?P<name>place)")  # of the table `contact`
 SINGLE_LOADS = ("beta", "F_0", "M_0")  # of a drive without a list of harmonics
 MAX_ORDER = 99  # of a harmonic
 MAX_MODES = 16  # of a blade
@@ -239,7 +239,29 @@ MODE_KEYS = {  # of each mode of a blade, by their names in its table [[blades.m
         ),
     )
 }
+LIMIT_KEYS = {  # of the stress of blades by modes
+    key.name: key
+    for key in (
+        blade_key(f"blades.{name}", "Pa", allowed, rf"\{name}", words, example, default=None)
+        for name, allowed, words, example in (
+            ("sigma_e", POSITIVE, "endured amplitude", "400 MPa"),
+            ("sigma_u", POSITIVE, "ultimate strength", "900 MPa"),
+            ("sigma_0", ANY, "constant stress", "200 MPa"),
+        )
+    )
+}
 PLACE_KEY = scene_key("contact.place", "m", ANY, "s_{%s}", "place", "17.5 mm", "place up the face from its middle")
+IN_LISTS: dict[str, tuple[str, re.Pattern, Mapping[str, Key]]] = {  # kind -> its table, its entries and their keys
+    "harmonic": ("drive", HARMONIC_ENTRY, OF_HARMONIC),
+    "mode": ("blades", MODE_ENTRY, MODE_KEYS),
+    "point": ("contact", POINT_ENTRY, {"place": PLACE_KEY}),
+}
+
+
+def list_length(entries: Iterable[str], pattern: re.Pattern) -> int:
+    """How many tables the entries of a table have in the list of those that match a pattern."""
+    matches = [pattern.fullmatch(entry) for entry in entries]
+    return 1 + max((int(match["index"]) for match in matches if match), default=-1)
 
 
 class KeyTable(ChainMap[str, Key]):
@@ -256,43 +278,19 @@ class KeyTable(ChainMap[str, Key]):
 
 
 def numbered_key(name: str) -> Key | None:
-    """The key of a number of one harmonic, one mode or one point of contact; None for any other name."""
-    return harmonic_key(name) or mode_key(name) or point_key(name)
-
-
-def point_key(name: str) -> Key | None:
-    """The key of the place of one point of contact, `contact.point[1].place`; None for any other name."""
-    table, _, entry = name.partition(".")
-    match = POINT_ENTRY.fullmatch(entry)
-    if table != "contact" or match is None:
-        return None
-    words = f" of point [{match['index']}]"
-    row = PLACE_KEY
-    return row._replace(name=name, symbol=row.symbol % match["index"], label=row.label + words, about=row.about + words)
-
-
-def harmonic_key(name: str) -> Key | None:
-    """The key of a number of one harmonic, `drive.harmonic[1].F`; None for any other name."""
-    return _key_in_list(name, "drive", HARMONIC_ENTRY, OF_HARMONIC, "harmonic")
-
-
-def mode_key(name: str) -> Key | None:
-    """The key of a number of one mode of the blades, `blades.modes[1].f`; None for any other name."""
-    return _key_in_list(name, "blades", MODE_ENTRY, MODE_KEYS, "mode")
-
-
-def _key_in_list(name: str, of: str, entry: re.Pattern, rows: Mapping[str, Key], kind: str) -> Key | None:
-    """The key of a number of one table in a list of tables of one kind."""
+    """The key of a number of one harmonic, mode or point, such as `blades.modes[1].f`; None for any other name."""
     table, _, own = name.partition(".")
-    match = entry.fullmatch(own)
-    if table != of or match is None or match["name"] not in rows:
-        return None
-    row, index = rows[match["name"]], match["index"]
-    words = f" of {kind} [{index}]"
-    return row._replace(name=name, symbol=row.symbol % index, label=row.label + words, about=row.about + words)
+    for kind, (of, entry, rows) in IN_LISTS.items():
+        match = entry.fullmatch(own)
+        if table == of and match is not None and match["name"] in rows:
+            row, index = rows[match["name"]], match["index"]
+            words = f" of {kind} [{index}]"
+            label = row.label + words
+            return row._replace(name=name, symbol=row.symbol % index, label=label, about=row.about + words)
+    return None
 
 
-ALL_KEYS = KeyTable(ROW_KEYS, {row.name: row for row in INPUT_KEYS}, KEYS)
+ALL_KEYS = KeyTable(LIMIT_KEYS, ROW_KEYS, {row.name: row for row in INPUT_KEYS}, KEYS)
 
 
 def keys_of_table(table: str) -> list[Key]:

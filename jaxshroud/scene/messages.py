@@ -10,9 +10,9 @@ from pydantic_core import ErrorDetails
 
 from jaxshroud.scene.checks import KeyNameError, SceneError, did_you_mean, hint, toml_text
 from jaxshroud.scene.file_rules import NO_STIFFNESS
-from jaxshroud.scene.keys import INPUT_KEYS, MODE_ENTRY
+from jaxshroud.scene.keys import INPUT_KEYS, MODE_ENTRY, list_length
 from jaxshroud.scene.layout import PAIR
-from jaxshroud.scene.optional import harmonic_forms, list_length
+from jaxshroud.scene.optional import harmonic_forms
 from jaxshroud.scene.schema import TABLE_MODELS, Table, table_models
 
 UNKNOWN_KEY = "extra_forbidden"  # the type of this error in pydantic

@@ -12,7 +12,7 @@ from typing import Any
 
 from jaxshroud.scene.checks import InputError, SceneError, fail, toml_text
 from jaxshroud.scene.csv_text import number_head, number_in_cell, read_csv
-from jaxshroud.scene.keys import MAX_MODES, MODE_ENTRY, MODE_KEYS
+from jaxshroud.scene.keys import LIMIT_KEYS, MAX_MODES, MODE_ENTRY, MODE_KEYS
 from jaxshroud.scene.nested_tables import list_entries
 from jaxshroud.scene.optional import split_list
 from jaxshroud.scene.typed import is_number
@@ -51,11 +51,11 @@ def resolve_modes(document: dict[str, Any], folder: Path, name: str, is_set: boo
     plain, modes = split_list(blades, MODE_ENTRY)
     if not modes:
         return
-    if plain:
-        fail(name, f"[blades] gives both modes and `{next(iter(plain))}`; keep one of them")
+    if of_lumped := [entry for entry in plain if f"blades.{entry}" not in LIMIT_KEYS]:
+        fail(name, f"[blades] gives both modes and `{of_lumped[0]}`; keep one of them")
     if len(modes) > MAX_MODES:
         fail(name, f"[blades] has {len(modes)} modes, but a blade has at most {MAX_MODES}; leave the highest ones out")
-    document["blades"] = list_entries("modes", with_frequencies(modes, f"{name}: [blades]"))
+    document["blades"] = plain | list_entries("modes", with_frequencies(modes, f"{name}: [blades]"))
 
 
 def modes_in_csv(path: Path) -> list[dict[str, Any]]:

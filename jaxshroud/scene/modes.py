@@ -111,6 +111,9 @@ class ModalBlades(eqx.Module):
     """
 
     modes: tuple[BladeMode, ...]
+    sigma_e: PerBlade | None = eqx.field(converter=per_blade, default=None)  # stress endured [Pa]; None: no limit
+    sigma_u: PerBlade | None = eqx.field(converter=per_blade, default=None)  # strength [Pa]; None: no limit
+    sigma_0: PerBlade | None = eqx.field(converter=per_blade, default=None)  # constant stress [Pa]; None: 0
 
     def __check_init__(self):
         modes = self.modes
@@ -122,8 +125,10 @@ class ModalBlades(eqx.Module):
 
     def by_entry(self) -> dict[str, Any]:
         """The numbers by their entries of the table [blades], such as `modes[1].f`, without those that are None."""
-        named = {f"modes[{j}].{name}": getattr(mode, name) for j, mode in enumerate(self.modes) for name in MODE_KEYS}
-        return {entry: value for entry, value in named.items() if value is not None}
+        named = vars(self) | {
+            f"modes[{j}].{name}": getattr(mode, name) for j, mode in enumerate(self.modes) for name in MODE_KEYS
+        }
+        return {entry: value for entry, value in named.items() if value is not None and entry != "modes"}
 
     @property
     def grow(self) -> bool:

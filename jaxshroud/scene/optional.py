@@ -5,26 +5,33 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import Any, NamedTuple
 
 from jaxshroud.scene.checks import KeyNameError
+from jaxshroud.scene.key import LARGEST_NUMBER
 from jaxshroud.scene.keys import (
     AERO_KEYS,
     ALL_KEYS,
     COMPLEX_KEYS,
     HARMONIC_ENTRY,
     HARMONIC_KEYS,
+    LIMIT_KEYS,
     MODAL_LOAD_KEYS,
     MODE_ENTRY,
     POINT_ENTRY,
     SINGLE_LOADS,
     keys_of_table,
+    list_length,
 )
-from jaxshroud.scene.point_numbers import no_place, place_count
+from jaxshroud.scene.point_numbers import no_place
 from jaxshroud.scene.speed import GROWTHS, UNTWIST
 
 NO_WIDTH = 'the scene has no contact.width: its contact is not smooth; add [parts] contact = "smooth"'
 MEAN_LOADS = ("drive.F_x_mean", "drive.F_y_mean", "drive.M_mean")
 COUPLINGS = tuple(row.name for row in (*keys_of_table("coupling"), *AERO_KEYS))
 # of which a scene without them is the same
-WITHOUT_EFFECT = {"drive.level": 1.0, **dict.fromkeys((*MEAN_LOADS, *COUPLINGS, *GROWTHS), 0.0)}
+WITHOUT_EFFECT = {
+    "drive.level": 1.0,
+    **dict.fromkeys(LIMIT_KEYS, LARGEST_NUMBER),
+    **dict.fromkeys((*MEAN_LOADS, *COUPLINGS, *GROWTHS, "blades.sigma_0"), 0.0),
+}
 A_HARMONIC = "[[drive.harmonic]] with order = 2, F = 20 and beta = 0.5"  # an example
 A_MODE = "[[blades.modes]] with f = 178, zeta = 0.002 and phi_x = 3.5"  # likewise
 
@@ -32,12 +39,6 @@ A_MODE = "[[blades.modes]] with f = 178, zeta = 0.002 and phi_x = 3.5"  # likewi
 def harmonic_count(entries: Iterable[str]) -> int:
     """How many harmonics the entries of a table `drive` have; 0 for a drive without a list of them."""
     return list_length(entries, HARMONIC_ENTRY)
-
-
-def list_length(entries: Iterable[str], pattern: re.Pattern) -> int:
-    """How many tables the entries of a table have in the list of those that match a pattern."""
-    matches = [pattern.fullmatch(entry) for entry in entries]
-    return 1 + max((int(match["index"]) for match in matches if match), default=-1)
 
 
 class HarmonicForm(NamedTuple):
@@ -94,7 +95,7 @@ def _absence(name: str, present: Collection[str]) -> str:
     table, _, entry = name.partition(".")
     entries = [key.partition(".")[2] for key in present if key.startswith(f"{table}.")]
     if table == "contact" and (point := POINT_ENTRY.fullmatch(entry)):
-        return no_place(int(point["index"]), place_count(entries))
+        return no_place(int(point["index"]), list_length(entries, POINT_ENTRY))
     if table == "blades":
         return _why_not_of_blades(name, entry, list_length(entries, MODE_ENTRY))
     match = HARMONIC_ENTRY.fullmatch(entry)
@@ -121,11 +122,13 @@ def _absence(name: str, present: Collection[str]) -> str:
 def _why_not_of_blades(name: str, entry: str, count: int) -> str:
     """Why a scene whose blades have so many modes, or are lumped, lacks a number of them; empty: it can have it."""
     mode = MODE_ENTRY.fullmatch(entry)
-    if mode is None:
+    if mode is None and name not in LIMIT_KEYS:
         other = f"the scene has no {name}, as its blades are given by modes; name one of these, such as"
         return f"{other} blades.modes[0].f" if count else ""
     if not count:
         return f"the scene has no {name}: its blades are lumped, without [[blades.modes]]"
+    if mode is None:
+        return ""
     of = "one mode" if count == 1 else f"{count} modes"
     return "" if int(mode["index"]) < count else f"the scene has no {name}: its blades have {of}, numbered from 0"
 

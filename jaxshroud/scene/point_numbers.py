@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxshroud.scene.checks import InputError, digits_apart
-from jaxshroud.scene.keys import POINT_ENTRY
+from jaxshroud.scene.keys import POINT_ENTRY, list_length
 
 MIN_POINTS, MAX_POINTS = 2, 16
 PLACES_IN_A_LIST = 'points = ["-17.5 mm", "17.5 mm"] with shares = [0.5, 0.5]'  # an example
@@ -112,12 +112,6 @@ def place_entry(m: int) -> str:
     return f"point[{m}].place"
 
 
-def place_count(entries: Iterable[str]) -> int:
-    """How many places the entries of a table [contact] have; 0 where points are given by their number, or none are."""
-    matches = [POINT_ENTRY.fullmatch(entry) for entry in entries]
-    return 1 + max((int(match["index"]) for match in matches if match), default=-1)
-
-
 def with_place_entries(contact: Mapping[str, Any]) -> dict[str, Any]:
     """A table [contact] with the places of a list `points` as entries of their own."""
     contact = dict(contact)
@@ -129,7 +123,7 @@ def with_place_entries(contact: Mapping[str, Any]) -> dict[str, Any]:
 def with_listed_places(contact: Mapping[str, Any]) -> dict[str, Any]:
     """The inverse of `with_place_entries`."""
     contact = dict(contact)
-    places = [contact.pop(place_entry(m)) for m in range(place_count(contact))]
+    places = [contact.pop(place_entry(m)) for m in range(list_length(contact, POINT_ENTRY))]
     return {**contact, "points": places} if places else contact
 
 

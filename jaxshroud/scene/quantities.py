@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from jaxshroud.scene.scene import Scene
 
-Measure = Literal["mean", "rms", "peak", "a"]
+Measure = Literal["mean", "rms", "peak", "a", ""]
 Power = Literal["P_d", "P", "P_d_worst", "P_d_vibration"]
 Quantity = Literal[
     "P_d",
@@ -32,10 +32,12 @@ Quantity = Literal[
     "theta_rms",
     "theta_peak",
     "sigma_a",
+    "goodman",
 ]
 QUANTITY_WORDS = get_args(Quantity)
 DISPLACEMENTS = ("x", "y", "theta")
-WATCHED_UNITS = {"x": "m", "y": "m", "theta": "rad", "sigma": "Pa"}  # of displacements and of the stress
+WATCHED_UNITS = {"x": "m", "y": "m", "theta": "rad", "sigma": "Pa", "goodman": "1"}  # the last two of the stress
+STRESSES = ("sigma_a", "goodman")
 RequiredReduction = Literal["P_d", "P_d_worst", "P_d_vibration"]  # that a design is to reach
 REQUIRED_REDUCTIONS = get_args(RequiredReduction)
 POWER_UNITS = {"P_d": "%", "P": "m^4", "P_d_worst": "%", "P_d_vibration": "%"}
@@ -44,20 +46,20 @@ POWER_UNITS = {"P_d": "%", "P": "m^4", "P_d_worst": "%", "P_d_vibration": "%"}
 class Amplitude(NamedTuple):
     """An amplitude, see `WithAmplitudes`."""
 
-    displacement: str  # one of `DISPLACEMENTS`, or "sigma": the stress, whose measure is half its range, "a"
+    displacement: str  # one of `DISPLACEMENTS`, or "sigma", the stress, of half its range, "a", or "goodman"
     measure: Measure
 
     @property
     def row(self) -> int:
         """The place of the displacement in `DISPLACEMENTS`, after which comes the stress."""
-        return [*WATCHED_UNITS].index(self.displacement)
+        return min([*WATCHED_UNITS].index(self.displacement), len(DISPLACEMENTS))
 
 
 def amplitude_of(of: str) -> Amplitude | None:
     """The amplitude that a quantity is; None for a power."""
     if of in POWER_UNITS:
         return None
-    displacement, measure = of.split("_")
+    displacement, _, measure = of.partition("_")
     return Amplitude(displacement, measure)  # pyright: ignore[reportArgumentType]  # `of` is a `Quantity`
 
 
@@ -91,6 +93,8 @@ def quantity_symbol(of: str) -> str:
     if amplitude is None:
         return f"${of}$"
     letter = amplitude.displacement
+    if not amplitude.measure:
+        return "Goodman's utilisation"
     return rf"${letter if len(letter) == 1 else chr(92) + letter}_\mathrm{{{amplitude.measure}}}$"
 
 
@@ -99,9 +103,12 @@ def check_quantity(of: str, scene: "Scene") -> None:
     word_argument("of", of, QUANTITY_WORDS)
     amplitude = amplitude_of(of)
     require_capability(of, scene.layout, asked=f"Argument `of` = {of!r}")
-    if of == "sigma_a":
-        if all(mode.sigma is None for mode in getattr(scene.blades, "modes", ())):
-            raise InputError("`sigma_a` is of blades by modes that have a stress; give modes their `sigma`.")
+    if of in STRESSES:
+        needed = [mode.sigma for mode in getattr(scene.blades, "modes", ())]
+        if all(sigma is None for sigma in needed):
+            raise InputError(f"`{of}` is of blades by modes that have a stress; give modes their `sigma`.")
+        if of == "goodman" and getattr(scene.blades, "sigma_e", None) is None:
+            raise InputError("`goodman` is of blades with limits; give them `blades.sigma_e` and `blades.sigma_u`.")
         return
     parts = scene.parts
     if amplitude is not None and not parts.has(amplitude.displacement, 0):

@@ -44,6 +44,7 @@ from jaxshroud.scene.keys import (
     ALL_KEYS,
     COMPLEX_KEYS,
     HARMONIC_KEYS,
+    LIMIT_KEYS,
     MAX_BLADES,
     MAX_ORDER,
     MIN_BLADES,
@@ -151,7 +152,7 @@ def _blades_table(layout: Layout, modes: int) -> type[Table]:
     if not modes:
         return _number_table("blades", layout)
     rows = [ALL_KEYS[f"blades.modes[{j}].{name}"] for j in range(modes) for name in MODE_KEYS]
-    return create_model("BladesTable", __base__=Table, **_fields(rows, layout))
+    return create_model("BladesTable", __base__=Table, **_fields([*rows, *LIMIT_KEYS.values()], layout))
 
 
 def _drive_table(layout: Layout, harmonics: tuple[HarmonicForm, ...], modes: int) -> type[Table]:

@@ -61,7 +61,7 @@ def scene_of(tables: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]) 
 def _blades_of(entries: Mapping[str, Any]) -> Blades | ModalBlades:
     """The blades from the entries of their table, by modes or lumped."""
     plain, modes = split_list(entries, MODE_ENTRY)
-    return ModalBlades(tuple(BladeMode(**mode) for mode in modes)) if modes else Blades(**plain)
+    return ModalBlades(tuple(BladeMode(**mode) for mode in modes), **plain) if modes else Blades(**plain)
 
 
 def _start_of(entries: Mapping[str, Any]) -> Start:

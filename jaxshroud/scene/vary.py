@@ -25,12 +25,12 @@ from jaxshroud.scene.keys import (
     ALL_KEYS,
     HARMONIC_ENTRY,
     KEYS,
+    LIMIT_KEYS,
     MODAL_LOAD_KEYS,
     MODE_ENTRY,
     POINT_ENTRY,
     find_key,
     number_shape,
-    point_key,
 )
 from jaxshroud.scene.modes import ModalBlades
 from jaxshroud.scene.optional import require_number, standing_for
@@ -166,7 +166,7 @@ def _with_leaves(scene: Scene, before: tuple[Mapping[str, Any], ...], after: tup
 NUMERIC_KEYS = tuple(KEYS)
 
 
-def _named_number(scene: Scene, name: str) -> Any:
+def named_number(scene: Scene, name: str) -> Any:
     """The number or numbers with the name of a key, for all blades or interfaces.
 
     Raises:
@@ -229,7 +229,7 @@ def with_numbers(scene: Scene, keys: Sequence[str]) -> Scene:
     """
     check_independent(keys, scene.layout)
     names = dict.fromkeys(find_key(key, layout=scene.layout)[0].name for key in keys)
-    return expressed_by(scene, {name: np.asarray(_named_number(scene, name)) for name in names})
+    return expressed_by(scene, {name: np.asarray(named_number(scene, name)) for name in names})
 
 
 @typed
@@ -268,7 +268,7 @@ def offsets(scene: Scene, key: str) -> dict[str, float]:
 def _all_values(scene: Scene, key: str) -> list[float]:
     """The number with a key, or one for each blade or interface."""
     name = find_key(key, layout=scene.layout)[0].name
-    return [float(v) for v in np.atleast_1d(np.asarray(_named_number(scene, name)))]
+    return [float(v) for v in np.atleast_1d(np.asarray(named_number(scene, name)))]
 
 
 def numbers_that_count(scene: Scene) -> tuple[str, ...]:
@@ -284,11 +284,10 @@ def numbers_that_count(scene: Scene) -> tuple[str, ...]:
     derived = {one.number.name: one for one in inputs_in(layout) if one.counts(given_of(scene))}
     unused = _UNUSED["initial"] | {"contact.k" if scene.contact.k is None else "contact.gamma", "drive.phase"}
     unused |= set() if "y" in parts.motion else _UNUSED["y"]
-    unused |= set() if "theta" in parts.motion else _UNUSED["theta"] | {*filter(point_key, fields_of(scene))}
-    unused |= {key for key in fields_of(scene) if key.rpartition(".phi_")[2] in {"y", "theta"} - {*parts.motion}}
-    unused |= {
-        key for key in fields_of(scene) if key.startswith("blades.modes") and key.endswith((".q", ".v", ".sigma"))
-    }
+    unused |= set() if "theta" in parts.motion else _UNUSED["theta"]
+    still = {"y", "theta"} - {*parts.motion}
+    of_lists = {"q", "v", "sigma", *(f"phi_{name}" for name in still), *("place" for _ in still & {"theta"})}
+    unused |= {key for key in fields_of(scene) if key.rpartition(".")[2] in of_lists} | {*LIMIT_KEYS}
     unused |= set() if parts.contact == "smooth" else {"contact.width"}
     unused |= set() if parts.friction != "none" else _UNUSED["friction"]
     unused |= set() if parts.contact != "none" else _UNUSED["contact"] | _UNUSED["friction"]
@@ -296,7 +295,7 @@ def numbers_that_count(scene: Scene) -> tuple[str, ...]:
         if number in derived and not derived[number].keys:
             continue
         key = derived[number].keys[-1].name if number in derived else number
-        values = np.asarray(_named_number(scene, key))
+        values = np.asarray(named_number(scene, key))
         shape = number_shape(ALL_KEYS[key], layout)
         differ = bool(shape) and bool(np.any(values[..., :1] != values))
         moving = 1 if parts.neighbour == "rigid" else math.prod(shape)

@@ -20,9 +20,11 @@ from jaxshroud.model.linear import area, free_power, power_reduction, steady_amp
 from jaxshroud.model.linear_system import stress_response
 from jaxshroud.model.steady_numbers import SteadyNumbers, steady_extremes, steady_peak, steady_rms
 from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.keys import LIMIT_KEYS
 from jaxshroud.scene.optional import MEAN_LOADS
 from jaxshroud.scene.quantities import (
     DISPLACEMENTS,
+    STRESSES,
     Amplitude,
     Quantity,
     RequiredReduction,
@@ -32,7 +34,7 @@ from jaxshroud.scene.quantities import (
     is_reduction,
 )
 from jaxshroud.scene.scene import Scene, without_given
-from jaxshroud.scene.vary import fields_of
+from jaxshroud.scene.vary import fields_of, named_number
 from jaxshroud.signals.averages import POWER_ROUNDINGS, averages, closed_forms, half_diagonal
 from jaxshroud.signals.statistics import confidence_interval, t_quantile
 
@@ -63,8 +65,26 @@ def amplitude_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict
         values[f"{name}_rms"] = np.sqrt(np.maximum(square[i] - mean[i] ** 2, 0.0))
         values[f"{name}_peak"] = np.maximum(highest[i] - mean[i], mean[i] - lowest[i])
     for high, low in zip(highest[3:], lowest[3:], strict=True):
-        values |= {"sigma_a": (high - low) / 2, "sigma_m": (high + low) / 2}
+        values |= _stress_values(scenes, high, low)
     return values | free_amplitudes(scenes)
+
+
+def _stress_values(scenes: Scene, high: Any, low: Any) -> dict[str, Any]:
+    """The values of a stress that goes from `low` to `high`, by their names."""
+    values = {"sigma_a": (high - low) / 2, "sigma_m": (high + low) / 2}
+    if "blades.sigma_e" not in fields_of(scenes):
+        return values
+    _, *used = stress_levels(high, low, *(named_number(scenes, key) for key in LIMIT_KEYS))
+    return {**values, "goodman": high.__array_namespace__().maximum(*used)}
+
+
+def stress_levels(high: Any, low: Any, sigma_e: Any, sigma_u: Any, sigma_0: Any) -> tuple[Any, Any, Any]:
+    """Half the range of a stress, and how much of its limits that uses alone, and with the middle [Pa].
+
+    The larger of these two is Goodman's utilisation, sigma_a / sigma_e + max(sigma_m + sigma_0, 0) / sigma_u.
+    """
+    half = (high - low) / 2
+    return half, half / sigma_e, half / sigma_e + ((high + low) / 2 + sigma_0) / sigma_u
 
 
 def amplitude_intervals(scenes: Scene, samples: Sample, number: np.ndarray) -> dict[str, np.ndarray]:
@@ -162,13 +182,13 @@ def _free_means(scenes: Scene, name: str) -> Any:
 
 @kept()
 def _free_stress(scenes: Scene) -> Any:
-    """Half the range of the stress of scenes (leading axis) without contact, (lanes, blades)."""
+    """The values of the stress of scenes (leading axis) without contact, by their names, (lanes, blades) each."""
 
     def one(scene: Scene):
-        loads = {n: load for n, load in scene.drive.harmonics().items() if n > 0}
+        loads = scene.drive.harmonics()
         waves = {n: stress_response(scene, scene.drive.frequency(n), load) for n, load in loads.items()}
-        high, low = steady_extremes(SteadyNumbers(0.0, waves))
-        return (high - low) / 2
+        mean = waves.pop(0).imag if 0 in waves else 0.0
+        return _stress_values(scene, *steady_extremes(SteadyNumbers(mean, waves)))
 
     return jax.vmap(one)(scenes)
 
@@ -260,7 +280,8 @@ def levels_of(of: Quantity, scenes: Scene, samples: Sample) -> Levels:
     if amplitude.measure == "rms":
         ci = amplitude_intervals(scenes, samples, motion.number)[f"{of}_ci"][:, counts]
     elif amplitude.measure != "mean":
-        ci = _peak_half_width(amplitude.row, samples, motion.number)[:, counts]
+        per_unit = named_number(scenes, "blades.sigma_e") if of == "goodman" else 1.0
+        ci = (_peak_half_width(amplitude.row, samples, motion.number) / per_unit)[:, counts]
     return Levels(value, np.take_along_axis(ci, blade, axis=1)[:, 0], motion.number)
 
 
@@ -300,8 +321,8 @@ def free_level(of: Quantity, scene: Scene) -> float:
         return float(np.asarray(free_power(scene))[scene.layout.counting].sum())
     name = amplitude.displacement
     lane = one_lane(without_given(scene))
-    if of == "sigma_a":
-        return float(counted_amplitude(np.asarray(_free_stress(lane)), scene.layout)[0])
+    if of in STRESSES:
+        return float(counted_amplitude(np.asarray(_free_stress(lane)[of]), scene.layout)[0])
     of_blades = (
         _free_means(lane, name) if amplitude.measure == "mean" else free_amplitudes(lane, (name,))[free_name(of)]
     )

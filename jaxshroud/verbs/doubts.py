@@ -58,7 +58,8 @@ def _torsion_doubts(sheet: DataSheet, scene: Scene) -> Iterator[str]:
         yield f"M_0 turns a free block by {np.degrees(angle):.3g} degrees: its spring is hardly linear there"
     if not 1 / MAX_INERTIA_RATIO < inertia < MAX_INERTIA_RATIO:
         ratio = f"{inertia:.3g} times that of a uniform block of its mass and sides"
-        yield f'I is {ratio}; I = "block" in a file gives that'
+        cure = "check phi_theta and its unit" if scene.mode_numbers else 'I = "block" in a file gives that'
+        yield f"I is {ratio}; {cure}"
 
 
 def advice_on(sheet: DataSheet, scene: Scene) -> Iterator[str]:

@@ -70,9 +70,9 @@ def gradient(
             motion may depend; see `Gradient.effects`.
         of: The quantity to differentiate, by default P_d, and of a scene with a mean load or interference
             P_d_vibration: "P_d", "P", or an amplitude as `sweep` keeps them: "x_mean", "x_rms", "x_peak", and those of
-            y and theta, or "sigma_a", half the range of the stress of blades by modes. They are those of the left
-            blade; of a row P_d and P are those of all blades together, "P_d_worst" is that
-            of the blade that gains the least, and amplitudes are the largest.
+            y and theta, "sigma_a", half the range of the stress of blades by modes, or "goodman", how much of its
+            limits it uses. They are those of the left blade; of a row P_d and P are those of all blades together,
+            "P_d_worst" is that of the blade that gains the least, and amplitudes are the largest.
         orbit: The orbit or orbits, if they are known already; their method is then the default.
         linear: "apart" or "stuck": in closed form, of contact that stays in this state; by default where it does,
             see `power`.

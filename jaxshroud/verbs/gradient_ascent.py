@@ -22,7 +22,7 @@ from jaxshroud.orbits.gradient import directional_derivatives
 from jaxshroud.results.tuned import DesignJudgement
 from jaxshroud.scene.checks import count_argument
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.quantities import Amplitude, Power, amplitude_of, is_reduction
+from jaxshroud.scene.quantities import STRESSES, Amplitude, Power, amplitude_of, is_reduction
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.sector import asks_for_sector, sector_blades
 from jaxshroud.scene.valid import in_precision
@@ -178,7 +178,7 @@ def polish_design(
 
 def _slope(problem: Problem, u: np.ndarray, judged: DesignJudgement, tick: Tick) -> tuple[np.ndarray, np.ndarray]:
     """Slopes of the score at points `u` (n, keys) of the cube, (n, keys), and whether they are exact, (n,)."""
-    if problem.of.endswith(("_peak", "_a")):  # the time of the peak is not known
+    if problem.of.endswith(("_peak", *STRESSES)):  # the time of the peak is not known
         slope = _wide_slopes(problem, u, tick)
         return np.where(np.isfinite(slope), slope, 0.0), np.zeros(len(u), bool)
     by_run, growth = exact_slopes(problem, u, tick)

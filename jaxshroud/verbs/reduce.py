@@ -1,7 +1,7 @@
 """The table of the modes of a blade, from the matrices of its finite elements or from shapes of a solver or a test."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -28,7 +28,7 @@ from jaxshroud.linear.reduction import (
 from jaxshroud.scene.checks import InputError, count_argument, word_argument
 from jaxshroud.scene.keys import MAX_MODES
 from jaxshroud.scene.layout import COORDINATES
-from jaxshroud.scene.mode_table import highest_rigid
+from jaxshroud.scene.mode_table import NOTES, highest_rigid
 from jaxshroud.scene.modes import SHAPES, ModalBlades, modal_blades
 from jaxshroud.scene.typed import FloatArray, typed
 from jaxshroud.whole_file import write_whole
@@ -91,22 +91,22 @@ class ReducedBlade:
             notes=(*self.notes, f"One kappa a mode meets frequencies over nodal diameters to {100 * worst:.2g} %."),
         )
 
-    def _columns(self, text: Callable[[float], str]) -> dict[str, Sequence[str]]:
-        """The columns of the table, with the text of a number."""
-        numbers = {"f [Hz]": self.f, "zeta": self.zeta, **dict(zip(SHAPES, self.phi, strict=True))}
-        further = {name: a for name in ("B", "kappa") if (a := getattr(self, name)) is not None}
-        shares = {"misfit": self.misfit, "unseen": self.unseen}
-        return {
-            **{name: [*map(text, a.tolist())] for name, a in {**numbers, **further}.items()},
-            "kind": self.kind,
-            **{name: ["" if math.isnan(x) else f"{x:.3g}" for x in a] for name, a in shares.items()},
+    def _lines(self, text: Callable[[float], str]) -> list[Iterable[str]]:
+        """The head of the table and a line of each mode, with the text of a number."""
+        phi = dict(zip(SHAPES, self.phi, strict=True))
+        numbers = {"f [Hz]": self.f, "zeta": self.zeta, **phi, "B": self.B, "kappa": self.kappa}
+        columns: dict[str, Sequence[str]] = {
+            name: [*map(text, a.tolist())] for name, a in numbers.items() if a is not None
         }
+        columns["kind"] = self.kind
+        for name in NOTES:
+            columns[name] = ["" if math.isnan(x) else f"{x:.3g}" for x in getattr(self, name)]
+        return [columns, *zip(*columns.values(), strict=True)]
 
     @property
     def csv(self) -> str:
         """The table, as `[blades] modes` names it."""
-        columns = self._columns(repr)
-        return "".join(f"{','.join(row)}\n" for row in (columns, *zip(*columns.values(), strict=True)))
+        return "".join(f"{','.join(line)}\n" for line in self._lines(repr))
 
     def save(self, path: str | Path) -> None:
         """Write the table."""
@@ -114,9 +114,8 @@ class ReducedBlade:
 
     def __str__(self) -> str:
         """The modes in a table, and what is to be said of them."""
-        columns = self._columns("{:.5g}".format)
-        rows = (columns, *zip(*columns.values(), strict=True))
-        return "\n".join([*("".join(f"{cell:>12}" for cell in row) for row in rows), *self.notes])
+        lines = ("".join(f"{cell:>12}" for cell in line) for line in self._lines("{:.5g}".format))
+        return "\n".join([*lines, *self.notes])
 
 
 @typed

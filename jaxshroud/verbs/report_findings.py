@@ -13,6 +13,7 @@ from jaxshroud.results.attractors import Attractors
 from jaxshroud.results.data_sheet import DataSheet
 from jaxshroud.results.diagnosis import Diagnosis
 from jaxshroud.results.sweep import SweepResult
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.quantities import RequiredReduction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.diagnose import diagnose
@@ -51,12 +52,13 @@ class DesignFindings:
 
     def heads(self, of: RequiredReduction) -> list[str]:
         """The heads of `cells`."""
-        return [] if self.runs.sigma_a is None else ["stress amplitude [MPa]"]
+        return [head for name, (head, _) in STRESS_CELLS.items() if getattr(self.runs, name) is not None]
 
     def cells(self, of: RequiredReduction, condition: int) -> list[str]:
         """What a table says of a condition beside the reduction that is judged."""
-        stress = self.runs.sigma_a
-        return [] if stress is None else [_largest_cell(stress[condition], 1e-6)]
+        stress = [(getattr(self.runs, name), per_si) for name, (_, per_si) in STRESS_CELLS.items()]
+        is_pair = self.diagnosis is None
+        return [_largest_cell(a[condition], per_si, is_pair) for a, per_si in stress if a is not None]
 
     def motion_cells(self, motions: Attractors, motion: int) -> list[str]:
         """What a table says of a coexisting motion beside what it says of all."""
@@ -77,6 +79,7 @@ class DesignFindings:
 
 
 MM_PER_M = 1e3
+STRESS_CELLS = {"sigma_a": ("stress amplitude [MPa]", 1e-6), "goodman": ("Goodman's utilisation", 1.0)}
 MOST_LINES = 24  # of a table of blades or interfaces
 WAVE_LINES, LEAST_WAVE = 6, 1e-3  # of a table of waves, and their least amplitude over the largest
 DOUBTFUL_VERDICTS = ("transient not over", "undecided", "stopped")
@@ -231,10 +234,10 @@ def _interfaces_section(findings: RowFindings, about: list[str]) -> Section:
     return Section("Loads at the interfaces", [*about, words], table)
 
 
-def _largest_cell(peaks: np.ndarray, per_si: float = MM_PER_M) -> str:
+def _largest_cell(peaks: np.ndarray, per_si: float = MM_PER_M, is_pair: bool = False) -> str:
     """The largest of the blades' amplitudes, in mm or another unit, and the blade that has it."""
     blade = int(np.argmax(np.where(np.isfinite(peaks), peaks, -np.inf)))
-    return f"{per_si * peaks[blade]:.5g} (blade {blade})"
+    return f"{per_si * peaks[blade]:.5g} ({f'{PAIR.names[blade]} blade' if is_pair else f'blade {blade}'})"
 
 
 def _left_out(count: int, what: str) -> str:

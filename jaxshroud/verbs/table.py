@@ -18,7 +18,7 @@ from jaxshroud.scene.checks import InputError, SceneError, did_you_mean
 from jaxshroud.scene.designs import Designs, read_designs
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import Layout, require_capability
-from jaxshroud.scene.quantities import check_quantity
+from jaxshroud.scene.quantities import STRESSES, check_quantity
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.sector import require_sector
 from jaxshroud.scene.typed import typed
@@ -55,9 +55,9 @@ def table(
             have its unit as attribute `units`. Other columns, such as names, are carried along.
         by: The number by which designs are ranked; by default P_d, and where there is a mean load or interference
             P_d_vibration: the largest of these (in rows of blades also `P_d_worst`), or the smallest amplitude
-            (`x_peak`, `theta_rms` and so on, `sigma_a` of the stress; the largest one of all blades) or load (`N_max`,
-            `v_max`, `friction_work`, `slip`, `archard`, `impacts`, `F_max`, `approach_max`, `impulse_max`; of rows of
-            blades the largest one of all interfaces).
+            (`x_peak`, `theta_rms` and so on, `sigma_a` and `goodman` of the stress; the largest one of all blades) or
+            load (`N_max`, `v_max`, `friction_work`, `slip`, `archard`, `impacts`, `F_max`, `approach_max`,
+            `impulse_max`; of rows of blades the largest one of all interfaces).
         linear: "apart" or "stuck": in closed form, of contact that stays in this state; by default where that of all
             designs does, see `power`.
         n_periods: Drive periods kept; by default 64.
@@ -125,7 +125,7 @@ def check_ranking(by: str, base: Scene) -> None:
     """Raise an InputError where designs of a scene have no number `by` to be ranked by."""
     check_row(base)
     require_capability(by, base.layout, asked=f"Argument `by` = {by!r}")
-    if by == "sigma_a":
+    if by in STRESSES:
         check_quantity(by, base)
 
 

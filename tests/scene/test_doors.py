@@ -15,7 +15,7 @@ from jaxshroud.scene.config import load, parse
 from jaxshroud.scene.designs import read_designs
 from jaxshroud.scene.drive_orders import check_continuous
 from jaxshroud.scene.grids import grid_of_scenes, scenes_at, stack_scenes
-from jaxshroud.scene.keys import ALL_KEYS, Motion, number_shape
+from jaxshroud.scene.keys import ALL_KEYS, LIMIT_KEYS, Motion, number_shape
 from jaxshroud.scene.shipped import shipped
 from jaxshroud.scene.text import text_of
 from jaxshroud.scene.vary import fields_of, inputs_of, with_numbers
@@ -78,7 +78,8 @@ LISTED_LOADS = {
 PLACES = {"contact.point[0].place", "contact.point[1].place"}
 OF_MOTION = {f"initial.{name}{at}" for name in Motion._fields for at in ("", "[0]")}  # that a static start has not
 OTHER_FORM = {f"drive.harmonic[{i}].F_x_re{at}" for i in (0, 1) for at in ("", "[0]")}
-NEVER = PLACES | OTHER_FORM | {"contact.width", "contact.width[0]"}
+LIMITS = {f"{key}{at}" for key in LIMIT_KEYS for at in ("", "[0]")}
+NEVER = PLACES | OTHER_FORM | LIMITS | {"contact.width", "contact.width[0]"}
 OF_LUMPED_BLADES = {f"{key}{at}" for key in ALL_KEYS if key.startswith("blades.") for at in ("", "[0]")}
 PAIR_OF_NUMBERS = NEVER | OF_ROWS | GROWTHS | SPEED | UNTWIST | INPUT_OF_ONE_BLADE | LISTED_LOADS
 REFUSED = {  # what scenes have no number for
@@ -87,7 +88,7 @@ REFUSED = {  # what scenes have no number for
     "wheel": NEVER | SINGLE_LOADS | {"contact.gamma[0]", "drive.phase", "drive.phase[0]"},
     "row_disk60": NEVER | SINGLE_LOADS | UNTWIST | OF_MOTION | {"contact.gamma[0]", "drive.phase", "drive.phase[0]"},
     "ring at a speed": NEVER | UNTWIST | INPUT_OF_ONE_BLADE | SINGLE_LOADS | {"contact.k[0]"},
-    "fem_blade": NEVER | OF_LUMPED_BLADES | UNTWIST | LISTED_LOADS | {"contact.gamma[0]"},
+    "fem_blade": NEVER - LIMITS | OF_LUMPED_BLADES - LIMITS | UNTWIST | LISTED_LOADS | {"contact.gamma[0]"},
     "engine_order": NEVER | OF_ROWS | UNTWIST | LISTED_LOADS,
     **dict.fromkeys(
         ("row_chain5", "row_ring12", "row_ring12_points", "row_ring6_flutter"),

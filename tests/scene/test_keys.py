@@ -18,6 +18,7 @@ from jaxshroud.scene.keys import (
     ALL_KEYS,
     INPUT_KEYS,
     KEYS,
+    LIMIT_KEYS,
     ROW_KEYS,
     SCENE_KEYS,
     Motion,
@@ -74,7 +75,7 @@ def test_the_table_and_the_classes_hold_the_same_numbers(table1):
 
 def test_all_that_lists_numbers_is_made_from_the_table():
     assert list(NUMERIC_KEYS) == list(KEYS)
-    assert list(QUANTITIES) == list(ALL_KEYS) == [*KEYS, *(row.name for row in INPUT_KEYS), *ROW_KEYS]
+    assert list(QUANTITIES) == list(ALL_KEYS) == [*KEYS, *(row.name for row in INPUT_KEYS), *ROW_KEYS, *LIMIT_KEYS]
     assert [key_attrs(key)["units"] for key in KEYS] == [row.netcdf for row in SCENE_KEYS]
     assert list(MOTION) == [row.parts[1] for row in keys_of_table("initial")] == list(Motion._fields)
     words = {"contact.reading", "contact.points", "contact.shares", "initial.start", "initial.friction"}
