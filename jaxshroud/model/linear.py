@@ -12,7 +12,6 @@ from jaxshroud.model.arithmetic import Scalar, sincos_turns, sine_versine, summe
 from jaxshroud.model.drive import multiple_angle
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear_system import free_response
-from jaxshroud.model.steady_numbers import SteadyNumbers, steady_course
 from jaxshroud.scene.drive import AnyLoad
 from jaxshroud.scene.fields import PerBlade
 from jaxshroud.scene.keys import Motion
@@ -109,11 +108,19 @@ def free_power(scene: Scene) -> PerBlade:
     s = scene.shroud
     points = SWING_POINTS * (1 if len(free) == 1 else max(free))
     tau = jnp.linspace(0, 2 * jnp.pi, points, endpoint=False, dtype=s.gap.dtype)
-    unbounded = jnp.isinf(free_reach(free, "theta"))
-    finite = {n: jnp.where(unbounded, 0.0, one.theta) for n, one in free.items()}
-    _, versine = sine_versine(steady_course(SteadyNumbers(0.0, finite), tau[:, None])[0])
+    angle = free_reach(free, "theta")
+    swing = jnp.sin(_free_angles(free, angle, tau) / 2) ** 2
     translation = summed((jnp.abs(one.x) ** 2 + jnp.abs(one.y) ** 2) / 2 for one in free.values())
-    return area(s) * (translation + jnp.where(unbounded, jnp.inf, 2 * gyration(s) * jnp.mean(versine, axis=0)))
+    return area(s) * (translation + jnp.where(jnp.isinf(angle), jnp.inf, 4 * gyration(s) * jnp.mean(swing, axis=1)))
+
+
+def _free_angles(free: dict[int, Amplitudes], largest: PerBlade, tau: Float[Array, " n"]) -> Float[Array, "blades n"]:
+    """The angles of the free blades over a period, up to a shift of time; 0 where the `largest` is infinite."""
+    is_infinite = jnp.isinf(largest)
+    if len(free) == 1:
+        return jnp.where(is_infinite, 0.0, largest)[:, None] * jnp.sin(tau)[None]
+    finite = {n: jnp.where(is_infinite, 0.0, one.theta)[:, None] for n, one in free.items()}
+    return summed(a.real * jnp.sin(n * tau)[None] + a.imag * jnp.cos(n * tau)[None] for n, a in finite.items())
 
 
 def free_rms_displacement(scene: Scene) -> Scalar:

@@ -64,7 +64,8 @@ def linear_gradient(scene: Scene, wrt: Sequence[str], of: Quantity, steps: int, 
 
 def _linear_power_slopes(of: Power, scenes: Scene, directions: Scene, flow, flow_by) -> AmplitudeSlope:
     """A power and its derivatives along the directions."""
-    squares, by = flow.squares(of), flow_by.squares(of)
+    squares = flow.squares(of)
+    by = flow_by.squares(of)
     slope = np.asarray(directional_derivatives(scenes, squares, directions, by, of), float)
     level = np.asarray(quantity_level(of, scenes, squares), float)[0]
     if of == "P_d_worst":

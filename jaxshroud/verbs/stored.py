@@ -78,7 +78,7 @@ class SweepTask(NamedTuple):
         lanes, precise, states = jax.tree.map(lambda a: np.asarray(a)[numbers.ravel()], whole)
         scene = jax.tree.map(lambda a: a[at[:outer]], resolved.scene) if outer else resolved.scene
         part = Grid(
-            # workers tell nobody
+            # workers print nothing
             resolved=resolved._replace(
                 scene=scene, shape=numbers.shape[:outer], asked=resolved.asked._replace(told=None)
             ),

@@ -36,7 +36,8 @@ def test_the_sheet_is_that_of_the_lumped_blades(name):
     for coordinate, own in zip(sheet.coordinates.values(), other.coordinates.values(), strict=True):
         np.testing.assert_allclose([*vars(own).values()], [*vars(coordinate).values()], rtol=1e-9)
     assert other.steps == sheet.steps
-    assert other.doubts == sheet.doubts
+    causes = [[doubt.partition(";")[0] for doubt in one.doubts] for one in (sheet, other)]  # cures are of either kind
+    assert causes[0] == causes[1]
 
 
 SHAPES = np.array([[3.5, 0.3, 0.1, 4.0], [-0.3, 3.5, 0.1, 0.6], [7.0, -3.5, 20.0, 17.0]])
