@@ -302,7 +302,7 @@ def plan_march(
     usual: Choices,
     *,
     tangents: bool = False,
-    periods: float | None = None,
+    periods: float | int | None = None,
     ends: EndStates | None = None,
 ) -> MarchPlan:
     """The plan by which lanes (leading axis) are marched, from the arguments of `choose_method`.
@@ -332,7 +332,7 @@ def choose_method(
     lanes: Scene,
     usual: Choices,
     *,
-    periods: float | None = None,
+    periods: float | int | None = None,
     ends: EndStates | None = None,
 ) -> tuple[Choices, Choice | None]:
     """The method by which lanes (leading axis) are marched, and the choice for an accuracy that it comes from, if any.
