@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.periods import Sample
@@ -43,7 +44,7 @@ def settled_runs(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived
     v_max: Any = np.where(status[:, None] == Status.OK, motion.v_max, np.nan)
     unknown: Any = np.full_like(v_max, np.nan)
     within = StepExtrema(v_max, unknown, unknown, unknown) if plan.method.within else None
-    counts: dict[str, Any] = dict.fromkeys(Counters.__annotations__, np.zeros(v_max.shape, np.int32))
+    counts: dict[str, Any] = dict.fromkeys(Counters.__annotations__, jnp.zeros(v_max.shape, jnp.int32))
     log = RunLog(v_max, Counters(**counts), within)
     last = jax.tree.map(lambda a: a[:, -1], samples.motion)
     return Runs(samples, jax.tree.map(np.zeros_like, log), log, EndedLane(states_apart(scenes, last), status))
