@@ -8,6 +8,7 @@ import json
 import time
 from pathlib import Path
 
+import beam_model
 import numpy as np
 import pytest
 from rich.console import Console
@@ -26,12 +27,14 @@ RESULTS = Path(__file__).parent / "results"
 BLADES, LANES, PERIODS, ROUNDS = (2, 4, 8, 16, 32, 64), 64, 2, 3
 STEPS = 100
 KINDS = {"gap": "22 um", "interference": "-0.4 mm"}
-METHODS = {
+Methods = dict[str, tuple[Choices, int]]
+METHODS: Methods = {
     "dopri8 100": (Choices(tableau("dopri8"), "cubic", False), 100),
-    "taylor 10 1e-8": (Choices(TaylorOptions(10, 1e-8), "series", False), 100),
+    "taylor 12 1e-8": (Choices(TaylorOptions(12, 1e-8), "series", False), 100),
 }
 JUDGE = Choices(TaylorOptions(14, 1e-12), "series", False), 100
 SIZES = [(8, 16), (12, 16), (12, 64), (16, 16), (32, 16), (64, 16), (128, 16)]
+MODES = {4: 20, 6: 40, 16: 400}  # how many, and steps a period
 LARGE = 64  # blades, from here on one run by turns
 HOW = {"transient": 0, "method": js.RungeKutta("dopri8", steps=STEPS)}
 
@@ -77,17 +80,17 @@ def end_of(scenes: js.Scene, method: Choices, steps: int) -> tuple[np.ndarray, f
     return np.stack([np.moveaxis(a[:, -1], 0, -1) for a in runs.samples.motion]), time.process_time() - start
 
 
-def costs_by_turns(scene: js.Scene, lanes: int) -> dict[str, dict[str, float]]:
+def costs_by_turns(scene: js.Scene, lanes: int, methods: Methods = METHODS) -> dict[str, dict[str, float]]:
     """Microseconds a blade and period by each method, the median of runs by turns, and the median of their errors."""
     scenes = scenes_at(scene, ["drive.F_0"], np.linspace(50.0, 70.0, lanes)[:, None])
     exact, _ = end_of(scenes, *JUDGE)
-    size, errors, taken = np.abs(exact).max(axis=1), {}, {name: [] for name in METHODS}
+    size, errors, taken = np.abs(exact).max(axis=1), {}, {name: [] for name in methods}
     for _ in range(1 + (ROUNDS if scene.layout.blades < LARGE else 1)):
-        for name, method in METHODS.items():
+        for name, method in methods.items():
             end, seconds = end_of(scenes, *method)
             taken[name].append(1e6 * seconds / lanes / PERIODS / scene.layout.blades)
             errors[name] = float(np.median(np.max(np.abs(end - exact).max(axis=1) / size, axis=0)))
-    return {name: {"cost": float(np.median(taken[name][1:])), "error": errors[name]} for name in METHODS}
+    return {name: {"cost": float(np.median(taken[name][1:])), "error": errors[name]} for name in methods}
 
 
 @pytest.mark.benchmark
@@ -104,6 +107,29 @@ def test_cost_of_power_series():
             found[f"{kind} {blades} {lanes}"] = costs
             (RESULTS / "row_series.json").write_text(json.dumps(found, indent=1) + "\n", "utf-8")
         console.print(table)
+
+
+@pytest.mark.benchmark
+def test_cost_of_modes(tmp_path):
+    """Rings of 12 blades with two points, pressed together, by modes of one blade with three residual vectors."""
+    found, columns = {}, ("a coarse setting", "a fine one")
+    table = Table(
+        "modes", "highest over drive", *(f"{name}, {one}" for name in ("series", "dopri8") for one in columns)
+    )
+    blade = beam_model.Model()
+    for modes, steps in MODES.items():
+        given = {"dofs": blade.labels, "nodes": blade.nodes, "shroud": beam_model.TIPS, "fixed": ["0"], "zeta": 0.002}
+        reduced = js.reduce(blade.K, blade.M, n_modes=modes - 3, **given)
+        reduced.save(tmp_path / f"{modes}.csv")
+        scene = js.load("fem_blade", [f"blades.modes={tmp_path / f'{modes}.csv'}"]).scene
+        series = {f"taylor 12 {t:g}": (Choices(TaylorOptions(12, t), "series", False), 100) for t in (1e-6, 1e-8)}
+        stepped = {f"dopri8 {n}": (Choices(tableau("dopri8"), "cubic", False), n) for n in (steps, 2 * steps)}
+        costs = costs_by_turns(scene, 16, series | stepped)
+        highest = f"{2 * np.pi * reduced.f.max() / scene.drive.omega:.1f}"
+        table.add_row(str(modes), highest, *(f"{a['cost']:.0f} us: {a['error']:.0e}" for a in costs.values()))
+        found[f"{modes} modes"] = costs
+        (RESULTS / "row_modes.json").write_text(json.dumps(found, indent=1) + "\n", "utf-8")
+    Console(width=110).print(table)
 
 
 @pytest.mark.benchmark

@@ -2,12 +2,13 @@
 
     python tests/studies/promises_points.py [GROUP ...]
 
-Forty random pairs with their blocks' own inertia and small moments (`realistic.py`), by the corner and by two points,
-and sixteen random rows, chains of five and rings of three, half of them with faces that become flat. Each is marched by
-what an accuracy chooses for it. What is given: how many are promised, that is, are neither said to miss the accuracy
-nor marked after the march; how many of these keep it after three periods; and the quantiles of all errors, against
-Dormand-Prince 8 with events by bisection at 3,200 steps, for rows at 800, and RK4 with cubics at eight times as many,
-whichever is further. `promises_points.json` has the table.
+Random pairs with their blocks' own inertia and small moments (`realistic.py`), forty by the corner and a hundred by two
+points, and a hundred random rows, chains of five and rings of three, half of them with faces that become flat, of which
+half by two points. Each is marched by what an accuracy chooses for it. What is given: how many are promised, that is,
+are neither said to miss the accuracy nor marked after the march; how many of these keep it after three periods; and the
+quantiles of all errors, against Dormand-Prince 8 with events by bisection at 3,200 steps, for rows at 800, and RK4 with
+cubics at eight times as many, whichever is further. Those that stop as they leave the model's range are counted apart.
+`promises_points.json` has the table. The seed of all but the corner was not used before.
 """
 
 import json
@@ -36,8 +37,8 @@ from jaxshroud.scene.scene import Scene  # noqa: E402
 from jaxshroud.verbs.arguments import plan_march, resolve_options  # noqa: E402
 from jaxshroud.verbs.trials import missed_lanes  # noqa: E402
 
-SCENES, SEED, ASKED = 40, 33, (1e-3, 1e-6, 1e-9)
-STEPS, ROWS, STEPS_OF_ROWS = 3200, 16, 800
+SEED, SEED_OF_CORNERS = 62, 33
+STEPS, STEPS_OF_ROWS = 3200, 800
 SIZES = ((5, False), (3, True))  # of rows, and whether they are closed
 QUANTILES = (0.5, 0.95, 1.0)
 
@@ -87,18 +88,20 @@ def kept_of(scenes: list[Scene], exact: list[list[Motion]], asked: float) -> dic
         got = end_states(scene, march.steps, march.method).motions
         errors.append(max(state_errors(got, one)[0] for one in ends))
         promised.append(is_promised)
+    stopped = np.isnan(errors)
     kept = np.array(errors) <= asked
     return {
         "scenes": len(scenes),
-        "promised": sum(promised),
+        "stopped": int(stopped.sum()),
+        "promised": int(np.sum(~stopped & promised)),
         "kept of these": int(np.sum(kept[promised])),
         "kept": int(kept.sum()),
-        "error": {str(q): float(np.quantile(errors, q)) for q in QUANTILES},
+        "error": {str(q): float(np.nanquantile(errors, q)) for q in QUANTILES},
     }
 
 
 GROUPS = {
-    "corner": (lambda: pairs(40, 33), (1e-3, 1e-6, 1e-9)),
+    "corner": (lambda: pairs(40, SEED_OF_CORNERS), (1e-3, 1e-6, 1e-9)),
     "two points": (lambda: [by_points(scene) for scene in pairs(100, SEED)], (1e-3, 1e-6, 1e-9)),
     "heavy rows": (lambda: rows(50, SEED, light=False), (1e-3, 1e-6)),
     "light rows": (lambda: rows(25, SEED, light=True), (1e-3, 1e-6)),
