@@ -372,10 +372,9 @@ def _shroud_and_rigid(
 def _in_si(found: Reduced, fit: ShroudFit, length: float, mass: float) -> ReducedBlade:
     """The modes in SI units, with what is to be said of them."""
     f = found.omega / math.tau
-    words = (
-        f"is damped above critical, or driven (zeta from {min(found.zeta):.3g} to {max(found.zeta):.3g}); keep fewer"
-    )
-    _refuse(~((found.zeta >= 0) & (found.zeta <= 1)), f, words)
+    zeta = found.zeta
+    words = f"is damped above critical, or driven (zeta from {min(zeta):.3g} to {max(zeta):.3g}); keep fewer"
+    _refuse(~((zeta >= 0) & (zeta <= 1)), f, words)
     if len(f) > MAX_MODES:
         raise InputError(f"There are {len(f)} modes with residual vectors, but at most {MAX_MODES}; keep fewer.")
     none = np.full(len(f) - found.shapes.shape[1], np.nan)
