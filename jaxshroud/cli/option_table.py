@@ -1,6 +1,7 @@
 """The options that several commands have in common, and the types of arguments. Nothing here is slow to import."""
 
 import argparse
+import math
 import os
 import re
 from collections.abc import Callable, Iterable
@@ -77,7 +78,7 @@ def shares(text: str) -> list[float]:
 def vector(text: str) -> list[float]:
     """Three numbers between commas."""
     numbers = [number(part) for part in text.split(",")]
-    if len(numbers) != 3:
+    if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
         raise argparse.ArgumentTypeError(f"must be three numbers between commas, but is {text!r}")
     return numbers
 

@@ -33,7 +33,7 @@ def reduce_command(options: argparse.Namespace) -> None:
     }
     said |= {name: _labels(said[name]) for name in ("shroud", "fixed") if name in said}
     if options.at_speed is not None:
-        said["K_at_speed"] = read_matrix(options.at_speed)
+        said["K_at_speed"] = read_matrix(options.at_speed, "K")
     blade = verb(**{**said, **given})
     if options.cyclic is not None:
         rows = read_numbers(options.cyclic)

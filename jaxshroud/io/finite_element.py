@@ -31,6 +31,7 @@ MARKET = b"%%MatrixMarket"
 ZIP = b"PK\x03\x04"
 HDF5 = b"\x89HDF"
 LABEL = re.compile(r"\s*(?P<node>[^\s.,]+)\s*[.,\s]\s*(?P<direction>[1-6])\s*")
+MOST_ROWS = 1e8  # of a matrix in text
 INSTEAD_OF_OTHERS = (
     "save K and M as Matrix Market (scipy.io.mmwrite), or as plain arrays in one .npz (numpy.savez) or .mat (save -v7)"
 )
@@ -74,7 +75,7 @@ def read_model(paths: Sequence[Path]) -> dict[str, Any]:
     """
     first = paths[0]
     if len(paths) > 1:
-        return dict(zip(("K", "M", "C"), map(read_matrix, paths), strict=False))
+        return {name: read_matrix(path, name) for name, path in zip("KMC", paths, strict=False)}
     arrays = _arrays_of(first)
     if arrays is None:
         head = _head_of_text(first)
@@ -88,15 +89,17 @@ def read_model(paths: Sequence[Path]) -> dict[str, Any]:
     if "nodes" in found:
         found["nodes"] = _nodes((list(map(_plain, row)) for row in found["nodes"]), first)
     if "kind" in found:
-        found["residual"] = np.char.strip(np.ravel(found.pop("kind"))) == "residual"
+        found["residual"] = np.char.strip(np.ravel(found.pop("kind")).astype(str)) == "residual"
     return found
 
 
 def _cells(path: Path) -> Any:
     """The cells of a CSV file below its head, as text (rows, columns)."""
-    _head_of_text(path)
+    lines = read_csv_text(path, "a CSV file").splitlines()[1:]
+    if not any(map(str.strip, lines)):
+        raise InputError(f"{path}: has nothing below its head")
     try:
-        return np.loadtxt(path, str, delimiter=",", skiprows=1, ndmin=2)
+        return np.loadtxt(lines, str, delimiter=",", ndmin=2)
     except ValueError as error:
         raise InputError(f"{path}: is no table below a head ({_first_line(error)})") from None
 
@@ -131,25 +134,30 @@ def _plain(value: Any) -> str:
     return str(int(value)) if isinstance(value, float) and float(value).is_integer() else str(value)
 
 
-def read_matrix(path: Path) -> Any:
-    """One matrix of a file; dense, or sparse with the entries that are stored."""
+def read_matrix(path: Path, name: str) -> Any:
+    """One matrix of a file, of several arrays the one of that name; dense, or sparse with the entries that are stored.
+
+    Raises:
+        InputError: The file cannot be read, or holds something else.
+    """
     from scipy.io import mmread
     from scipy.sparse import coo_array, load_npz
 
-    head = _head(path)
+    arrays = _arrays_of(path)
     try:
-        if head.startswith(MARKET):
+        if (head := _head(path)).startswith(MARKET):
+            if b" pattern " in head:
+                raise ValueError("a pattern has no values")
             return mmread(path)
-        if (arrays := _arrays_of(path)) is not None:
-            return load_npz(path) if "format" in arrays else next(iter(arrays.values()))
+        if arrays is not None:
+            return load_npz(path) if "format" in arrays else arrays[name if len(arrays) > 1 else next(iter(arrays))]
     except (ValueError, KeyError, OSError, NotImplementedError) as error:
         raise InputError(f"{path}: cannot be read as a matrix ({error}); {INSTEAD_OF_OTHERS}") from None
-    _head_of_text(path)
-    try:
-        rows = np.loadtxt(path, ndmin=2)
-    except ValueError:
-        rows = np.zeros((0, 3))
-    if rows.shape[1] != 3 or not len(rows) or np.any(rows[:, :2] < 1) or np.any(rows[:, :2] % 1):
+    rows = np.zeros((1, 3))
+    if _head_of_text(path).strip():
+        with suppress(ValueError):
+            rows = np.loadtxt(path, ndmin=2)
+    if rows.shape[1] != 3 or np.any(rows[:, :2] % 1) or not (1 <= rows[:, :2].min() <= rows[:, :2].max() < MOST_ROWS):
         raise InputError(
             f"{path}: is no Matrix Market file, nor columns `row column value` from 1 on, as CalculiX writes them; "
             f"files that Abaqus calls .mtx are neither: {INSTEAD_OF_OTHERS}"
@@ -160,7 +168,7 @@ def read_matrix(path: Path) -> Any:
 
 
 def _first_line(error: Exception) -> str:
-    return str(error).partition("\n")[0].rstrip(".;")
+    return re.split("[\n;]", str(error))[0].rstrip(".")
 
 
 def _head(path: Path) -> bytes:
@@ -190,7 +198,7 @@ def _arrays_of(path: Path) -> dict[str, Any] | None:
         if head.startswith(MATLAB):
             found = _arrays_of_hdf5(path) if head.startswith(MATLAB + b"7.3") else loadmat(path)
             arrays = {name: a for name, a in found.items() if name[:1] not in "_#"}
-            if lost := [name for name, a in arrays.items() if not isinstance(a, np.ndarray) or a.dtype.kind == "V"]:
+            if lost := [name for name, a in arrays.items() if a is None or a.dtype.kind == "V"]:
                 raise ValueError(f"{lost[0]} is an object")
             return arrays
     except (ValueError, OSError, NotImplementedError, TypeError, zipfile.BadZipFile) as error:

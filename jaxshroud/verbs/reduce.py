@@ -36,6 +36,7 @@ from jaxshroud.whole_file import write_whole
 Units = Literal["si", "mm-t-s", "mm-kg-s"]
 LENGTH_AND_MASS: dict[str, tuple[float, float]] = {"si": (1.0, 1.0), "mm-t-s": (1e-3, 1e3), "mm-kg-s": (1e-3, 1.0)}
 USUAL_FREQUENCIES = (1.0, 1e5)  # of the first mode of a blade [Hz], beyond which units are doubted
+USUAL_SIZES = (1e-3, 1.0)  # of a shroud [m], likewise
 LARGE_MISFIT = 0.05  # of a mode's motion of the shroud, beyond which that is hardly rigid
 
 
@@ -68,18 +69,21 @@ class ReducedBlade:
             blades: The number of blades of the ring.
 
         Raises:
-            InputError: There are not as many families as modes, or nodal diameters do not determine both numbers.
+            InputError: There are not as many families as modes, nodal diameters do not determine both numbers, a
+                frequency is not above 0, or the ring has fewer than three blades.
 
         Source:
             (2 pi f)^2 = omega^2 + 4 kappa sin^2(pi h / N), by least squares. Residual vectors are not coupled.
         """
+        count_argument("blades", blades, 3)
         swept = 4 * np.sin(math.pi * np.asarray(diameters, float) / blades) ** 2
         squares = (math.tau * np.asarray(f, float)) ** 2
         kept = self.kind.count("mode")
         by = np.stack([np.ones_like(swept), swept], axis=-1)
-        if squares.shape != (len(by), kept) or np.linalg.matrix_rank(by) < 2:
+        sound = np.all(squares > 0) and np.isfinite(swept).all()
+        if squares.shape != (len(by), kept) or not sound or np.linalg.matrix_rank(by) < 2:
             raise InputError(
-                f"{kept} modes need the frequencies of as many families at two nodal diameters or more, "
+                f"{kept} modes need the frequencies, above 0, of as many families at two nodal diameters or more, "
                 f"but the shape of these is {squares.shape}."
             )
         fitted = np.linalg.lstsq(by, squares)[0]
@@ -191,6 +195,9 @@ def reduce(
     fit, rigid = _shroud_and_rigid(unknowns, nodes, shroud, origin, frame_of(x_axis, y_axis))
     factor = stiffness_factor(matrices["K"], rigid)
     omega, shapes = lowest_modes(factor, inertia, n_modes)
+    highest = omega[n_modes - 1] / math.tau
+    if residual_frequency is not None and not residual_frequency > highest:
+        raise InputError(f"`residual_frequency` must be above that of the highest mode, {highest:.5g} Hz.")
     B = fit.plane_forces(len(unknowns))
     K_inverse_B = factor.solve(B)
     least = 0.01 * mass / contact_stiffness if contact_stiffness else 0.0
@@ -272,8 +279,8 @@ def reduce_shapes(
             "as there are `f`, `zeta`, `mass` and `residual`."
         )
     own_f, own_zeta, masses, added = (np.full(count, a) for a in numbers)
-    if not (np.isfinite([shapes.sum(), own_f.sum()]).all() and own_zeta.min() >= 0 < masses.min()):
-        raise InputError("Shapes and frequencies must be finite, `zeta` at least 0, and modal masses above 0.")
+    if not (np.isfinite([shapes.sum(), own_f.sum()]).all() and masses.min() > 0):
+        raise InputError("Shapes and frequencies must be finite, and modal masses above 0.")
     own_f[np.abs(own_f) <= highest_rigid(own_f[added == 0])] = 0.0
     _refuse(own_f < 0, own_f, "has a negative omega^2: its blade is unstable, or the stiffness has a wrong sign")
     order = np.lexsort((own_f, added))
@@ -365,7 +372,9 @@ def _shroud_and_rigid(
 def _in_si(found: Reduced, fit: ShroudFit, length: float, mass: float) -> ReducedBlade:
     """The modes in SI units, with what is to be said of them."""
     f = found.omega / math.tau
-    _refuse(found.zeta > 1, f, f"is damped above critical (zeta up to {max(found.zeta):.3g}); keep fewer")
+    zeta = found.zeta
+    words = f"is damped above critical, or driven (zeta from {min(zeta):.3g} to {max(zeta):.3g}); keep fewer"
+    _refuse(~((zeta >= 0) & (zeta <= 1)), f, words)
     if len(f) > MAX_MODES:
         raise InputError(f"There are {len(f)} modes with residual vectors, but at most {MAX_MODES}; keep fewer.")
     none = np.full(len(f) - found.shapes.shape[1], np.nan)
@@ -373,7 +382,7 @@ def _in_si(found: Reduced, fit: ShroudFit, length: float, mass: float) -> Reduce
     scale = np.sqrt(mass) * np.array([1.0, 1.0, length])[:, None]
     blade = ReducedBlade(
         f=f,
-        zeta=found.zeta,
+        zeta=zeta,
         phi=found.at_shroud / scale,
         kind=tuple("residual" if one else "mode" for one in found.residual),
         misfit=misfit,
@@ -381,10 +390,10 @@ def _in_si(found: Reduced, fit: ShroudFit, length: float, mass: float) -> Reduce
         left_out=found.left_out,
         notes=(),
     )
-    return replace(blade, notes=tuple(_notes_on(blade, found)))
+    return replace(blade, notes=tuple(_notes_on(blade, found, fit.length * length)))
 
 
-def _notes_on(blade: ReducedBlade, found: Reduced) -> Iterator[str]:
+def _notes_on(blade: ReducedBlade, found: Reduced, size: float) -> Iterator[str]:
     if np.isnan(blade.left_out).all():
         yield "What the shapes leave out of the shroud's static flexibility is not known."
     else:
@@ -397,16 +406,23 @@ def _notes_on(blade: ReducedBlade, found: Reduced) -> Iterator[str]:
     elastic = blade.f[blade.f > 0]
     if len(elastic) and not low <= elastic[0] <= high:
         yield f"A blade whose first mode is at {elastic[0]:.3g} Hz rings absurdly: are the units right?"
+    low, high = USUAL_SIZES
+    if not low <= size <= high:
+        yield f"Nodes of a shroud at {size:.3g} m from its centre are absurd: are the units right?"
 
 
 def _notes_on_statics(blade: ReducedBlade, found: Reduced) -> Iterator[str]:
-    left = ", ".join(f"{100 * a:.3g} % along {name}" for name, a in zip(COORDINATES, blade.left_out, strict=True))
+    left = _shares(found)
     carried = "which the residual vectors carry" if found.residual.any() else "which nothing carries"
     yield f"The modes leave out {left} of the shroud's static flexibility, {carried}."
     own = found.own_omega / math.tau
     for j in np.flatnonzero(found.residual & (own > blade.f * (1 + 1e-9))):
         told = f"{own[j]:.4g} Hz" if own[j] < 1e30 else "that of no mass"
         yield f"Residual vector {j} has {blade.f[j]:.4g} Hz in the place of {told}: fewer steps, the same flexibility."
+
+
+def _shares(of: Reduced) -> str:
+    return ", ".join(f"{100 * a:.3g} % along {name}" for name, a in zip(COORDINATES, of.left_out, strict=True))
 
 
 def _notes_on_more(found: Reduced, more: Reduced) -> Iterator[str]:
@@ -416,6 +432,9 @@ def _notes_on_more(found: Reduced, more: Reduced) -> Iterator[str]:
         springs = 10 / np.sum((more.at_shroud / more.omega) ** 2, axis=1)
         now, then = (stuck_frequencies(one, springs)[:count] for one in (found, more))
         change = 100 * np.max(np.abs(now / then - 1))
-        left = ", ".join(f"{100 * a:.3g} %" for a in more.left_out)
-        yield f"With one more mode, at {more.omega[count] / math.tau:.4g} Hz, modes leave out {left};"
-        yield f"the first {count} frequencies on springs of ten times the shroud's stiffness change by {change:.2g} %."
+        left = _shares(more)
+        of = "frequency" if count == 1 else f"{count} frequencies"
+        yield (
+            f"With one more mode, at {more.omega[count] / math.tau:.4g} Hz, modes leave out {left}, "
+            f"and the first {of} on springs of ten times the shroud's stiffness change by {change:.2g} %."
+        )

@@ -5,13 +5,14 @@ import dataclasses
 import beam_model
 import numpy as np
 import pytest
-from scipy.io import mmwrite
+from scipy.io import mmwrite, savemat
 from scipy.linalg import eigh
-from scipy.sparse import csc_array, save_npz
+from scipy.sparse import coo_array, csc_array, save_npz
 from solid_blade import solid_blade
 
 import jaxshroud as js
 from jaxshroud.cli import commands
+from jaxshroud.linear.reduction import stiffness_factor, symmetric
 
 K_CONTACT, L_OA, ALPHA = 2e6, 0.04, np.radians(60.0)
 FREQUENCIES = np.linspace(50, 900, 60)
@@ -111,6 +112,24 @@ def test_statics_at_the_shroud_are_exact(model, limit):
     assert np.max(left) > 1e-3
 
 
+def test_a_stiffness_of_any_condition_gives_its_flexibility():
+    # Cubic elements of a beam, of length 1 with E I = 1, bend exactly as x^2 (3 n - x) / 6 under 1 N at its end.
+    n = 800  # the condition is some 5e12
+    element = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])
+    rows = 2 * np.arange(n)[:, None, None] + np.arange(4)[:, None] + 0 * np.arange(4)
+    places = rows.ravel(), rows.swapaxes(1, 2).ravel()
+    K = csc_array(coo_array((np.tile(element.ravel(), n), places)))[2:, 2:]
+    force = np.zeros(2 * n)
+    force[-2] = 1
+    factor = stiffness_factor(symmetric(K, "K"), np.zeros((2 * n, 6)))
+    x = np.arange(1, n + 1)
+    bent = x**2 * (3 * n - x) / 6
+    np.testing.assert_allclose(factor.solve(force)[::2], bent, rtol=1e-11)
+    # Control: without the refinement rounding is felt.
+    rough = factor.root @ factor.solved(factor.root @ force)
+    assert np.max(np.abs(rough[::2] / bent - 1)) > 1e-8
+
+
 def test_stuck_frequencies_and_the_response_need_residual_vectors(model):
     wanted = stuck_of_model(model)[:3]
     blade = reduce(model, n_modes=3)
@@ -171,6 +190,8 @@ def test_units_and_frames(model):
     )
     np.testing.assert_allclose(other.f, blade.f, rtol=1e-6)
     np.testing.assert_allclose(flexibility(other), flexibility(blade), rtol=1e-7, atol=1e-15)
+    assert any("units" in note for note in reduce(model, n_modes=3, units="mm-t-s").notes)
+    assert not any("units" in note for note in (*blade.notes, *other.notes))
     turned = reduce(model, n_modes=3, x_axis=(0.0, 1.0, 0.0), y_axis=(-1.0, 0.0, 0.0))
     P = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
     np.testing.assert_allclose(flexibility(turned), P @ flexibility(blade) @ P.T, rtol=1e-8, atol=1e-15)
@@ -220,6 +241,10 @@ WRONG = {
     "units": ({"units": "inch"}, "units"),
     "too many": ({"n_modes": 15}, "at most 16"),
     "negative": ({"negative": True}, "not positive definite"),
+    "complex": ({"C": 1j * np.eye(90)}, "C must be a square matrix of real numbers, but is complex128"),
+    "no matrix": ({"C": 3.0}, "C must be a square matrix"),
+    "driven": ({"zeta": -0.1}, "damped above critical, or driven"),
+    "soft residuals": ({"residual_frequency": 10.0}, "above that of the highest mode"),
 }
 
 
@@ -254,6 +279,7 @@ def written(model, folder):
     labels = [model.labels[i] for i in free]
     nodes = np.array([[float(node), *place] for node, place in model.nodes.items()])
     np.savez(folder / "all.npz", K=K, M=M, dofs=np.array(labels), nodes=nodes)
+    savemat(folder / "all.mat", {"K": csc_array(K), "M": M, "dofs": np.array(labels, object)[:, None], "nodes": nodes})
     (folder / "rows.dof").write_text("\n".join(labels) + "\n")
     (folder / "nodes.txt").write_text(
         "*NODE\n" + "\n".join(f"{int(n)}, {x}, {y}, {z}" for n, x, y, z in nodes.tolist())
@@ -268,13 +294,14 @@ def written(model, folder):
     beside = ["--dofs", "rows.dof", "--nodes", "nodes.txt"]
     return {
         "npz": ["all.npz"],
+        "mat": ["all.mat"],
         "market": ["K.dat", "--mass", "M.dat", *beside],
         "sparse": ["K.npz", "--mass", "M.npz", *beside],
         "calculix": ["K.sti", "--mass", "M.sti", *beside],
     }
 
 
-@pytest.mark.parametrize("form", ["npz", "market", "sparse", "calculix"])
+@pytest.mark.parametrize("form", ["npz", "mat", "market", "sparse", "calculix"])
 def test_the_command_reads_files(model, tmp_path, monkeypatch, capsys, form):
     monkeypatch.chdir(tmp_path)
     words = ["reduce", *written(model, tmp_path)[form], "--shroud", ",".join(beam_model.TIPS), "--modes", "3"]
@@ -300,6 +327,9 @@ NO_MARKET = "*MATRIX TYPE\nSYMMETRIC\n1,1,2,1, 3.0\n"  # as of Abaqus
         ({"K.mtx": NO_MARKET}, "Abaqus"),
         ({"K.mtx": "1 1\n2 2\n"}, "row column value"),
         ({"K.mtx": "%%MatrixMarket matrix nonsense\n"}, "cannot be read as a matrix"),
+        ({"K.mtx": "%%MatrixMarket matrix coordinate pattern symmetric\n1 1 1\n1 1\n"}, "a pattern has no values"),
+        ({"K.mtx": ""}, "row column value"),
+        ({"K.mtx": "1 1 1.0\n1e300 2 1.0\n"}, "row column value"),
         ({"K.mtx": "\x89HDF\r\n"}, "form that is not read"),
         ({}, "cannot be read"),
         ({"K.mtx": "1 1 1.0\n", "rows.dof": "1.9\n"}, "direction from 1 to 6"),
@@ -331,7 +361,8 @@ def test_one_more_mode_is_told(model):
     # Residual vectors carry what modes alone lack.
     assert change(6) < 0.1 < 1.0 < change(6, residuals=False)
     blade = reduce(model, n_modes=3)
-    left = ", ".join(f"{100 * a:.3g} %" for a in reduce(model, n_modes=4).left_out)
+    shares = zip(["x", "y", "theta"], reduce(model, n_modes=4).left_out, strict=True)
+    left = ", ".join(f"{100 * a:.3g} % along {name}" for name, a in shares)
     assert any(left in note for note in blade.notes)
 
 
@@ -372,7 +403,8 @@ def test_frequencies_over_nodal_diameters_give_the_coupling(model, tmp_path, mon
     scene = js.load("fem_blade", ["blades.modes=blade.csv"]).scene
     np.testing.assert_allclose(scene.blades.modes[1].kappa, np.full(12, -2e4), rtol=1e-6)
     assert blade.blades(12).modes[1].kappa.shape == (12,)
-    for change, words in (("h,f1\n0,100\n", "as many families"), ("h,f1,f2\n0,1,x\n", "a cell is a number")):
+    wrong = {"h,f1\n0,100\n": "as many families", "h,f1,f2\n0,1,x\n": "a cell is a number", "h,f1\n": "below its head"}
+    for change, words in (wrong | {"h,f1,f2\n0,100,nan\n2,110,500\n": "above 0"}).items():
         (tmp_path / "freq.csv").write_text(change)
         assert commands.main([*line, "12", "--force"]) == 2
         assert words in capsys.readouterr().err
