@@ -244,7 +244,7 @@ def next_at_start(state: State, start: State, view: GuardEvaluation, model: Mode
     """The state after the next event at the instant of a `start` apart, if its guards show one; its motion is kept."""
     violated = {kind: view.guards.value[kind] > 0 for kind in present(view.guards.value)}
     zero = jnp.zeros_like(view.at.v)
-    after = transition(state.motion, state, view, first_kind(violated), zero, zero, model).after
+    after = transition(state, view, first_kind(violated), zero, zero, model).after
     fires = any_of(violated.values()) & (interface_mode(start.mode) == Mode.APART)
     u_s, mode, case = select(fires, (after.u_s, after.mode, after.case), (state.u_s, state.mode, state.case))
     return State(state.motion, u_s, mode, case)

@@ -1,6 +1,6 @@
 """The guards at the interfaces of a row of blades, its contact forces, and the location of its earliest event.
 
-That is the earliest over all interfaces, found as `locate` does for a pair.
+That is the earliest over all interfaces, which `locate` closes in on.
 """
 
 from functools import partial
@@ -24,16 +24,13 @@ from jaxshroud.march.event import (
 from jaxshroud.march.events import BUILT_IN_EVENTS, guards_at, place_contact
 from jaxshroud.march.forces_and_energy import ContactForces, contact_forces_at
 from jaxshroud.march.locate import (
-    LocationDecision,
     TrialOutcome,
     at_least_two,
     first_crossed,
     first_interior_maximum,
-    judge_trial,
     select,
     select_guard,
 )
-from jaxshroud.march.method import Choices
 from jaxshroud.model.arithmetic import (
     ZERO,
     Scalar,
@@ -81,7 +78,7 @@ def row_torques(state: State, wave: Any, model: RowModel, each: Each) -> tuple[A
 def interface_view(torque: Scalar, state: State, model: Model, events: Events = BUILT_IN_EVENTS) -> GuardEvaluation:
     """The kinematics and the guards of one interface under the relative torque of its corner."""
     placed = place_contact(state.motion, state, model)
-    return guards_at(placed, state.motion, _end_torques(torque, placed[2], state, model), state, model, events)
+    return guards_at(placed, _end_torques(torque, placed[2], state, model), state, model, events)
 
 
 def _end_torques(torque: Scalar, at: Kinematics, state: State, model: Model) -> EndTorques:
@@ -156,53 +153,20 @@ def interface_outcome(
     return InterfaceOutcome(guards, hit, kind, several, jumps & hit, exact, top, share[0] / share[1], crossed)
 
 
-class RowOutcome(NamedTuple):
-    """What a trial has shown of a row, of which `judge_row` makes a `TrialOutcome`."""
-
-    hits: Int[Array, ""]  # number of interfaces where a guard is violated
-    jumps: Bool[Array, ""]  # the forces jump at one of them
-    exact: Bool[Array, ""]  # all of their guards are zero to rounding
-    top: Scalar
-    crossed: Target  # the guard that was crossed first
-    low: Guards  # of the interface of the target, at the lower end of the bracket
-
-
-def row_outcome(search: Search, outcome: InterfaceOutcome, low: Guards) -> RowOutcome:
+def row_outcome(search: Search, outcome: InterfaceOutcome, low: Guards) -> TrialOutcome:
     """The outcome of each lane, from those of its interfaces."""
     hit, target = outcome.hit, search.target
-    hits = total(hit.astype(jnp.int32))
     any_hit = any_along(hit)
     first = place_of_largest(where(hit, outcome.share, -1.0))
-    place = first if target is None or target.place is None else where(any_hit, first, target.place)
+    place = first if target is None else where(any_hit, first, target.place)
     here = is_place(place, hit)
     now = select(any_hit | ~search.bracketing, low, outcome.guards)
     crossed, low_there = jax.tree.map(partial(at_place, here), (outcome.crossed, now), is_leaf=is_unrolled)
-    return RowOutcome(
-        hits=hits,
+    return TrialOutcome(
+        hits=total(hit.astype(jnp.int32)),
         jumps=any_along(outcome.jumps),
         exact=~any_along(hit & ~outcome.exact),
         top=least(outcome.top),
         crossed=crossed._replace(place=place),
         low=low_there,
-    )
-
-
-def judge_row(
-    search: Search, outcome: RowOutcome, active: Bool[Array, ""], h: Scalar, method: Choices
-) -> LocationDecision:
-    """`judge_trial` of one lane that is `active`; else its search goes on as it is."""
-    hit = outcome.hits > 0
-    target = search.target
-    if target is not None:
-        crossed = outcome.crossed._replace(tries=target.tries)
-        target = select(hit, crossed, target._replace(place=crossed.place))
-    exact = outcome.exact & (outcome.hits == 1)
-    seen = TrialOutcome(hit, outcome.jumps, exact, outcome.top, target, outcome.low)
-    decision = judge_trial(search, seen, h, method)
-    return LocationDecision(
-        decision.accept & active,
-        decision.fire & active,
-        decision.move_low & active,
-        decision.delay,
-        select(active, decision.search, search),
     )

@@ -19,7 +19,7 @@ from jaxshroud.march.locate import at_event, select_guard
 from jaxshroud.march.method import Choices
 from jaxshroud.march.rk_step import TrialInterval, interval_in_step, stage_state, waves_at_nodes, weighted_sum
 from jaxshroud.march.row_guards import row_guards
-from jaxshroud.model.arithmetic import ZERO, any_along, is_place, is_unrolled, total, where, zeros_for
+from jaxshroud.model.arithmetic import ZERO, any_along, is_unrolled, total, where, zeros_for
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.row import Cluster, Each, FlatPair, RowModel, alone, clusters_of, row_rhs
@@ -126,20 +126,6 @@ class RowCrossing(NamedTuple):
     is_root: Bool[Array, "..."]  # it ends where the guard vanishes, rather than at a prescribed instant
     delay: OfLanes  # upper bound of the time since the event [s]
     pending: Bool[Array, "interfaces lanes"] | None  # events of this instant that are left; None: no derivatives
-
-
-def one_after_the_other(crossing: RowCrossing, lane: Lane, place: Any) -> RowCrossing:
-    """The crossing of the event at `place` alone, with those that are left."""
-    search = lane.search
-    here = is_place(place, crossing.fires)
-    assert search.pending is not None
-    moves = search.length > 0
-    first, eligible = crossing.fires & here, crossing.fires & (search.pending | moves)
-    fires = any_along(first)
-    waits = ~moves & any_along(first & search.pending)
-    return crossing._replace(
-        fires=first, is_root=fires & (moves | waits), pending=where(fires, eligible & ~first, search.pending)
-    )
 
 
 def differentiable_event_end(

@@ -18,6 +18,7 @@ from jaxshroud.model.contact_law import (
     ContactLoads,
     ContactPoint,
     GuardCrossing,
+    Modes,
     Slider,
     SummedForces,
 )
@@ -127,6 +128,10 @@ class PointsContact(ContactLaw):
         """The crossing at point `m`."""
         u_s = crossing.u_s if is_zero(crossing.u_s) else crossing.u_s[m]
         return GuardCrossing(crossing.at.points[m], crossing.rate.points[m], u_s, crossing.mode[m], crossing.delay)
+
+    def with_mode_at(self, m: int, modes: Any, mode: Modes) -> Any:
+        """The modes of all points."""
+        return *modes[:m], mode, *modes[m + 1 :]
 
     def slider_after(self, crossing: GuardCrossing, w: Any, mode: Any, u: Scalar) -> Any:
         """The slider of each point; that of a point whose mode stays is as it was."""

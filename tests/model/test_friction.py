@@ -28,11 +28,11 @@ def led(row: RowModel, motions: Motion) -> tuple[jax.Array, jax.Array]:
     """Friction force and slide along a prescribed motion, under the transitions of `events`."""
 
     def step(held: State, z: Motion) -> tuple[State, tuple[jax.Array, jax.Array]]:
-        view = view_in(State(z, held.u_s, held.mode, held.case), row)
+        stayed = State(z, held.u_s, held.mode, held.case)
+        view = view_in(stayed, row)
         violated = {kind: view.guards.value[kind] > 0 for kind in range(len(EVENTS))}
         due = jnp.any(jnp.stack(list(violated.values())))
-        fired = transition(z, held, view, first_kind(violated), jnp.asarray(0.0), jnp.asarray(0.0), row.pair).after
-        stayed = State(z, held.u_s, held.mode, held.case)
+        fired = transition(stayed, view, first_kind(violated), jnp.asarray(0.0), jnp.asarray(0.0), row.pair).after
         held = jax.tree.map(lambda a, b: jnp.where(due, a, b), fired, stayed)
         return held, (row.pair.law.friction_force(view.at.v, view.at.u, held.u_s, held.mode), view.at.u)
 
