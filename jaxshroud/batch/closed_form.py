@@ -12,7 +12,6 @@ from jaxtyping import Array, Float, Int
 
 from jaxshroud.batch.lanes import begin_lanes
 from jaxshroud.batch.limits import check_memory
-from jaxshroud.batch.operation_count import TrialSize
 from jaxshroud.batch.periods import Sample, sample_of_users
 from jaxshroud.batch.plan import Plan, Runs, Tick, run_log
 from jaxshroud.batch.sampling import MAX_UNKEPT, SAMPLES_PER_BLOCK, SampleGrid
@@ -22,14 +21,14 @@ from jaxshroud.cache.programs import kept
 from jaxshroud.march.accumulator import ContactPeaks, ContactTimes, Counters, DisplacementRange, Impacts
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest
-from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, sine_versine, summed
+from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, Unrolled, sine_versine, summed
 from jaxshroud.model.contact_law import ContactLoads
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import free_components, free_motion, free_propagators, steady_amplitudes
 from jaxshroud.model.modes import Status
-from jaxshroud.model.prepared import State, prepared_model
+from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Displacements, Means, Moments, position_at
-from jaxshroud.model.row import along_blades, at_interface, state_of_row
+from jaxshroud.model.row import along_blades, at_interface, prepared_row
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.quantities import DISPLACEMENTS
 from jaxshroud.scene.scene import PerBlade, Scene
@@ -109,8 +108,8 @@ def _at_turn(
 
 
 def _in_pairs(values: Float[Array, "2 3"]) -> Displacements:
-    """Displacements (2, 3) as a pair for each of x, y and theta."""
-    x, y, theta = ((values[0, i], values[1, i]) for i in range(3))
+    """Displacements (2, 3) along an unrolled axis of blades for each of x, y and theta."""
+    x, y, theta = along_blades(tuple(values.T))
     return x, y, theta
 
 
@@ -158,17 +157,6 @@ def closed_form_runs(scenes: Scene, states: State, plan: Plan, ticker: Tick, arr
     return Runs(sample_of_users(samples), jax.tree.map(np.zeros_like, log), log, last)
 
 
-def no_steps(method: Choices) -> None:
-    """The method that steps through the closed form: none."""
-    del method
-
-
-def no_trial(scene: Scene, method: Choices) -> TrialSize:
-    """The size of a trial step of the closed form."""
-    del scene, method
-    return TrialSize(0, 0)
-
-
 @kept("periods", "nodes", "amplitudes", "vibration")
 def _closed_form_samples(
     scenes: Scene,
@@ -193,18 +181,18 @@ def _closed_form_samples(
         apart = jnp.broadcast_to(period, power[:, 0].shape)
 
         def in_pairs(a):
-            return (a[:, 0], a[:, 1])
+            return Unrolled(a[:, 0], a[:, 1])
 
         sizes = tuple(in_pairs(largest[..., i]) for i in range(3))
         ends = Motion._make(in_pairs(a[1:]) for a in motion)
         none = jnp.zeros_like(apart)
-        of_blades = Sample(ends, in_pairs(power), largest=sizes, moments=moments, extent=extent)
+        sample = Sample(ends, in_pairs(power), largest=sizes, moments=moments, extent=extent)
         in_contact = at_interface((means, ContactTimes(apart, none, none)))
-        sample = along_blades(of_blades)._replace(means=in_contact[0], times=in_contact[1])
+        sample = sample._replace(means=in_contact[0], times=in_contact[1])
         last = State(Motion._make(a[-1] for a in motion), state.u_s, state.mode, state.case)
         status = free_status(scene, motion, jnp.max(largest[..., 2]))
         sample = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
-        end = state_of_row(carried_state(last, prepared_model(scene)))
+        end = carried_state(last, prepared_row(scene))
         return sample, end, status, at_interface(times[-1] - times[0])
 
     return jax.vmap(one)(scenes, states, begin)

@@ -23,7 +23,7 @@ from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.scene.checks import InputError, count_argument
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import PAIR, require_points
+from jaxshroud.scene.layout import require_points
 from jaxshroud.scene.scene import PerBlade, Scene
 from jaxshroud.scene.typed import Tree, typed
 from jaxshroud.scene.valid import in_precision
@@ -38,7 +38,7 @@ class Strobe(eqx.Module):
     P_d_vibration: Float[Array, "..."]  # the same of the displacements about their means over these periods
     status: Int[Array, "..."]  # (lanes,), see `Status`
     coarseness: Float[Array, "..."]  # omega_max h over the method's limit of accuracy: inaccurate above 1, (lanes,)
-    P_0: PerBlade | None = None  # power without contact, of rows alone, (lanes, blades) [m^4]; see `free_power`
+    P_0: PerBlade  # power without contact, (lanes, blades) [m^4]; see `free_power`
 
 
 @typed
@@ -101,7 +101,7 @@ def sweep_function(
         def places(strobe):
             return (strobe.status, strobe.coarseness, strobe.P_0)
 
-        return eqx.tree_at(places, strobe, values, is_leaf=lambda a: a is None)
+        return eqx.tree_at(places, strobe, values)
 
     return function
 
@@ -137,6 +137,5 @@ def _run_sweep(scenes: Scene, states: State, plan: SweepPlan, method: Choices) -
         return power_reduction(*(a[:, counting].sum(axis=-1) for a in (power, P_0)))
 
     motion = jax.tree.map(lambda a: nan_where(jnp.isnan(a), a), outcomes.motion)
-    of_row = None if scenes.layout == PAIR else nan_where(stopped, P_0)
-    P, P_d, P_d_vibration = nan_where(stopped, (P, reduction(P), reduction(P_vibration)))
-    return Strobe(motion, P, P_d, P_d_vibration, outcomes.status, jnp.zeros_like(A), of_row)
+    P, P_d, P_d_vibration, P_0 = nan_where(stopped, (P, reduction(P), reduction(P_vibration), P_0))
+    return Strobe(motion, P, P_d, P_d_vibration, outcomes.status, jnp.zeros_like(A), P_0)

@@ -1,6 +1,5 @@
 """The accumulator of a lane: the integrals of its motion, its counts of events and its extremes so far."""
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -15,7 +14,6 @@ from jaxshroud.model.geometry import is_upper
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model
 from jaxshroud.model.rhs import Integrals, Means
-from jaxshroud.scene.keys import Motion
 
 EventCount = Int[Array, "..."] | Zero
 
@@ -201,15 +199,14 @@ def half_position(at: Means) -> Means:
     return jax.tree.map(lambda a: a / 2, at)
 
 
-def mean_position(accumulator: Accumulator, end: Motion, period: Any, steps: Any, at: Callable[[Motion], Means]) -> Any:
+def mean_position(accumulator: Accumulator, end: Means, period: Any, steps: Any) -> Any:
     """The mean of the position over a drive period, from the accumulator of that period; None where it is not kept.
 
     Args:
         accumulator: That of a lane or of a row.
-        end: The motion at the end of the period.
+        end: The position at the end of the period.
         period: Its length [s].
         steps: The number of steps in it, of equal length.
-        at: The position of a motion.
 
     Source:
         The trapezoidal rule, which on a whole orbit is as accurate as the motion is smooth: what is left stems from the
@@ -218,7 +215,7 @@ def mean_position(accumulator: Accumulator, end: Motion, period: Any, steps: Any
     sums = None if accumulator.log is None else accumulator.log.positions
     if sums is None:
         return jax.tree.map(lambda a: a / jax.lax.broadcast_to_rank(period, a.ndim), accumulator.integrals.means)
-    return jax.tree.map(lambda total, half: (total - half) / steps, sums, half_position(at(end)))
+    return jax.tree.map(lambda total, half: (total - half) / steps, sums, half_position(end))
 
 
 def watched_of(z: Any) -> tuple[Any, ...]:

@@ -159,7 +159,7 @@ def _cubic_peak(cubic: HermiteCubic) -> Scalar:
 def _end_forces(z: Motion, state: State, model: Model) -> _EndForces:
     _, case, at = place_contact(z, state, model)
     rate = contact_rates(at, z, case, model.reading)
-    forces = law_forces(at, z, state, case, model)
+    forces = law_forces(at, case, State(z, state.u_s, state.mode, state.case), model)
     return _EndForces(at.v, rate.v, forces.N, forces.F, model.law.friction_rate(rate, state.mode))
 
 

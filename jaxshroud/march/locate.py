@@ -61,18 +61,18 @@ class LocationDecision(NamedTuple):
 class HermiteCubic(NamedTuple):
     """A cubic on [0, 1] in Hermite form: its values and its slopes at the ends."""
 
-    g_0: Scalar
-    g_1: Scalar
-    m_0: Scalar
-    m_1: Scalar
+    g_0: Any
+    g_1: Any
+    m_0: Any
+    m_1: Any
 
-    def __call__(self, s: Scalar) -> Scalar:
+    def __call__(self, s: Any) -> Any:
         """The value at `s`."""
         _, b, c = self.coefficients
         return self.g_0 + s * (self.m_0 + s * (b + s * c))
 
     @property
-    def coefficients(self) -> tuple[Scalar, Scalar, Scalar]:
+    def coefficients(self) -> tuple[Any, Any, Any]:
         """The coefficients of s, s^2 and s^3."""
         rise = self.g_1 - self.g_0
         return self.m_0, 3 * rise - 2 * self.m_0 - self.m_1, self.m_0 + self.m_1 - 2 * rise

@@ -27,6 +27,7 @@ from jaxshroud.model.row import (
     OfInterfaces,
     RowModel,
     alone,
+    of_blades_that_count,
     of_left_blade,
     over,
     pair_states,
@@ -163,9 +164,9 @@ def _updated_log(log: Log, trial: AcceptedTrial, model: RowModel, method: Choice
             model=model.interfaces,
         )
         values |= _updated_each(log, contact, at_interfaces, trial.by_series, each)
-    counted = [one for one in others if one.per == "left blade" and model.is_pair]
+    counted = [one for one in others if one.per == "left blade"]
     if counted:
-        values |= _updated_each(log, of_left_blade(blades), counted, trial.by_series, each)
+        values |= _updated_each(log, of_blades_that_count(blades, model), counted, trial.by_series, each)
     of_blades = [one for one in others if one not in (*at_interfaces, *counted)]
     if of_blades:
         values |= _updated_each(log, blades, of_blades, trial.by_series, each)

@@ -46,13 +46,12 @@ from jaxshroud.model.arithmetic import (
 )
 from jaxshroud.model.geometry import Kinematics
 from jaxshroud.model.prepared import Model, State
-from jaxshroud.model.rhs import EndTorques, Recorded, law_forces, torques_along_face
+from jaxshroud.model.rhs import EndTorques, Recorded, contact_effects, law_forces, torques_along_face
 from jaxshroud.model.row import (
     Each,
     RowModel,
     blade_forces,
     clusters,
-    interface_effects,
     joint_inertia,
     over,
     pair_states,
@@ -68,7 +67,7 @@ def row_torques(state: State, wave: Any, model: RowModel, each: Each) -> tuple[A
     if not model.turns_by_events:
         return ZERO, ZERO
     cluster = clusters(state.case, model)
-    effects = over(each, partial(interface_effects, recorded=ONLY_FORCES), pair_states(state, model), model.interfaces)
+    effects = over(each, partial(contact_effects, recorded=ONLY_FORCES), pair_states(state, model), model.interfaces)
     R = blade_forces(effects, model.blades.shroud(state.motion), model)
     own = rates_of_blades(state.motion, wave, R, model, ONLY_FORCES, each)
     own = model.blades.turning(own.acceleration)
@@ -85,7 +84,7 @@ def _end_torques(torque: Scalar, at: Kinematics, state: State, model: Model) -> 
     """The torques at both ends of the faces' overlap from the relative torque of the corner."""
     if is_zero(torque):
         return EndTorques(ZERO, ZERO)
-    forces = law_forces(at, state.motion, state, state.case, model)
+    forces = law_forces(at, state.case, state, model)
     return torques_along_face(torque, forces, at, state, model)
 
 

@@ -70,7 +70,6 @@ from jaxshroud.model.arithmetic import (
     where,
     zeros_for,
 )
-from jaxshroud.model.coupling import SUFFIXES
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State
@@ -226,7 +225,7 @@ def trial_outcome(
     stiffest = greatest(over(each, _square_by_contact, contact.mode, faces_of(fixed.model)))
     returns = _shortest_return(faces, each)
     times = lane.step, fixed.stop, fixed.grid
-    length_of = partial(_trial_length, order=order, neighbours=1 if fixed.model.is_pair else 2)
+    length_of = partial(_trial_length, order=order, neighbours=min(len(lane.state.case), 2))
     h = each(length_of, terms, stiffest, returns, search.done, search.tolerance, search.tries, search.cap, *times)
     before = search.crossed, search.probing, search.recheck, search.tries
     event, kind, several = over(each, _first_event_of_face, faces, contact, before, h, model)
@@ -308,8 +307,7 @@ def _square_by_contact(mode: Any, faces: dict[str, Any]) -> Scalar:
     square = where(interface_mode(mode) == Mode.APART, 0.0, held)
     springs = [4 * kappa for kappa in faces["kappa"]]
     if faces["coupling"] is not None:
-        stiffnesses = (getattr(faces["coupling"], f"k_{name}") for name in SUFFIXES.values())
-        springs += map(operator.mul, stiffnesses, mobility)
+        springs += map(operator.mul, faces["coupling"].k, mobility)
     return square + _largest_present(springs, lever)
 
 

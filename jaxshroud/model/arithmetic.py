@@ -155,11 +155,6 @@ def is_unrolled(value: object) -> bool:
     return isinstance(value, Unrolled)
 
 
-def is_of_blades(tree: Any) -> bool:
-    """Whether a tree is a plain tuple of numbers, one of each blade."""
-    return type(tree) is tuple and len(tree) > 0 and not isinstance(tree[0], tuple | None)
-
-
 def is_zero(value: object) -> bool:
     """Whether a number is left out."""
     return isinstance(value, Zero)

@@ -168,6 +168,6 @@ def by_point(a: Any, like: Any) -> Any:
     return tuple(a[..., m] for m in range(a.shape[-1])) if a.ndim > like.ndim else a
 
 
-def points_last(a: Any, axis: int = -1) -> Any:
-    """Numbers of each point, a tuple, as an array with an `axis` of points, (..., points); others as they are."""
-    return jnp.stack(a, axis=axis) if isinstance(a, tuple) else a
+def points_last(a: Any) -> Any:
+    """Numbers of each point, a tuple, as an array with a last axis of points, (..., points); others as they are."""
+    return jnp.stack(a, axis=-1) if isinstance(a, tuple) else a
