@@ -4,7 +4,7 @@ import jax.numpy as jnp
 
 from jaxshroud.batch.states import carried_state
 from jaxshroud.march.events import GuardEvaluation
-from jaxshroud.march.row_guards import interface_view, row_torques
+from jaxshroud.march.row_events import interface_view, row_torques
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Recorded, StateDerivative
 from jaxshroud.model.row import RowModel, alone, at_only_interface, clusters_of, row_rhs

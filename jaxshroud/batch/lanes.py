@@ -25,7 +25,7 @@ from jaxshroud.march.forces_and_energy import (
     stacked_point_forces,
 )
 from jaxshroud.march.method import Choices
-from jaxshroud.march.row_guards import row_contact_forces
+from jaxshroud.march.row_events import row_contact_forces
 from jaxshroud.march.row_step import whole
 from jaxshroud.march.stepper import stepper_for
 from jaxshroud.model.arithmetic import any_along, filled, is_unrolled, is_zero, sincos_turns, total, where

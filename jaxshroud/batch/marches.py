@@ -5,8 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxshroud.batch.closed_form import closed_form_runs, free_trajectories
-from jaxshroud.batch.linear_runs import settled_runs
+from jaxshroud.batch.closed_form import closed_form_runs, free_trajectories, settled_runs
 from jaxshroud.batch.plan import Plan, Runs, Tick
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.stepped_runs import stepped_runs, stepped_trajectories

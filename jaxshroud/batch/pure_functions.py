@@ -27,7 +27,7 @@ from jaxshroud.batch.xla import best_mapping, one_lane, vmapped
 from jaxshroud.march.accumulator import EventMargins
 from jaxshroud.march.carry import Fixed
 from jaxshroud.march.method import Choices
-from jaxshroud.march.row_guards import row_contact_forces
+from jaxshroud.march.row_events import row_contact_forces
 from jaxshroud.model.arithmetic import Scalar, sincos_turns
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State

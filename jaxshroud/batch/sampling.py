@@ -28,7 +28,7 @@ from jaxshroud.batch.states import events_at_start, next_at_start
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.carry import EachLane, Fixed, Lane, TimeGrid, running
 from jaxshroud.march.method import Choices
-from jaxshroud.march.row_guards import interface_view, row_torques
+from jaxshroud.march.row_events import interface_view, row_torques
 from jaxshroud.march.row_trial import step_of_trial
 from jaxshroud.march.stepper import stepper_for
 from jaxshroud.model.arithmetic import Scalar, sincos_turns

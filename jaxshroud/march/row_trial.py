@@ -23,18 +23,29 @@ from jaxshroud.march.carry import (
     no_time,
     running,
 )
-from jaxshroud.march.changes import InterfaceEnding, change_of_row, is_finite_row, lane_after, no_change
 from jaxshroud.march.event import above_zero, any_of, check_own_events, guards_after_event, guards_to_begin_with
 from jaxshroud.march.locate import LocationDecision, event_tolerance, judge_trial, one_after_the_other, select
 from jaxshroud.march.log import AcceptedTrial, mode_of_smooth_contact, new_accumulator, penetrations
 from jaxshroud.march.method import Choices
-from jaxshroud.march.rk_step import interval_in_step, trial_interval
-from jaxshroud.march.row_guards import InterfaceOutcome, interface_outcome, row_guards, row_outcome, row_torques
+from jaxshroud.march.row_events import (
+    InterfaceEnding,
+    InterfaceOutcome,
+    change_of_row,
+    interface_outcome,
+    is_finite_row,
+    lane_after,
+    no_change,
+    row_guards,
+    row_outcome,
+    row_torques,
+)
 from jaxshroud.march.row_step import (
     RowCrossing,
     RowStepEnd,
     differentiable_event_end,
+    interval_in_step,
     row_step,
+    trial_interval,
     whole,
 )
 from jaxshroud.model.arithmetic import any_along, is_unrolled, total, where, zeros_for

@@ -27,13 +27,12 @@ from jaxshroud.march.carry import (
     running,
     updated_lanes,
 )
-from jaxshroud.march.changes import InterfaceEnding, change_of_row, is_finite_row, lane_after
 from jaxshroud.march.event import any_of
 from jaxshroud.march.events import HEIGHT, TURN, events_at_points, happens, number_of
 from jaxshroud.march.locate import at_event, one_after_the_other, select
 from jaxshroud.march.log import AcceptedTrial, new_accumulator
 from jaxshroud.march.method import Choices
-from jaxshroud.march.row_guards import row_torques
+from jaxshroud.march.row_events import InterfaceEnding, change_of_row, is_finite_row, lane_after, row_torques
 from jaxshroud.march.row_step import OfLanes
 from jaxshroud.march.taylor_events import (
     TaylorSearch,

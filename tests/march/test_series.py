@@ -21,7 +21,7 @@ from jaxshroud.march.carry import Fixed, time_grid
 from jaxshroud.march.events import EVENTS
 from jaxshroud.march.extremes import _polynomial_maximum
 from jaxshroud.march.method import Choices, method_as_json, method_from_json
-from jaxshroud.march.row_guards import row_guards
+from jaxshroud.march.row_events import row_guards
 from jaxshroud.march.stepper import POWER_SERIES
 from jaxshroud.march.tableau import TaylorOptions, tableau
 from jaxshroud.march.taylor_events import first_event, return_length
