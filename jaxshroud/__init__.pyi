@@ -2,7 +2,7 @@ from .batch.compilation_cache import cache_compilations as cache_compilations
 from .batch.rollout import most_trials as most_trials
 from .batch.rollout import period_map as period_map
 from .batch.rollout import rollout as rollout
-from .batch.sweepfunction import sweep_function as sweep_function
+from .batch.rollout import sweep_function as sweep_function
 from .batch.threads import Interrupted as Interrupted
 from .io.lane_status import AccuracyWarning as AccuracyWarning
 from .io.lane_status import LaneWarning as LaneWarning

@@ -2,22 +2,23 @@
 
 import jax.numpy as jnp
 
+from jaxshroud.batch.states import carried_state
 from jaxshroud.march.events import GuardEvaluation
-from jaxshroud.march.row_guards import interface_view, row_torques
+from jaxshroud.march.row_events import interface_view, row_torques
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Recorded, StateDerivative
-from jaxshroud.model.row import RowModel, alone, at_only_interface, clusters_of, row_rhs, state_of_row
+from jaxshroud.model.row import RowModel, alone, at_only_interface, clusters_of, row_rhs
 
 STILL = (jnp.asarray(0.0), jnp.asarray(0.0))  # (sin, cos) of omega t: no drive
 
 
 def rates_in(state: State, row: RowModel, wave=STILL) -> StateDerivative:
     """The derivative of the state of a pair."""
-    now = state_of_row(state)
+    now = carried_state(state, row)
     return row_rhs(wave, now, clusters_of(now, row), row, Recorded(), alone)[0]
 
 
 def view_in(state: State, row: RowModel, wave=STILL) -> GuardEvaluation:
     """The kinematics of contact and the guards of a pair."""
-    torque, _ = row_torques(state_of_row(state), wave, row, alone)
+    torque, _ = row_torques(carried_state(state, row), wave, row, alone)
     return interface_view(at_only_interface(torque), state, row.pair)

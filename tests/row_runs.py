@@ -52,7 +52,7 @@ def run_rows(scenes: list[Scene], periods: int, steps: int, method: Choices = EX
     none = jnp.zeros((len(scenes) + lacking, batch.row.interfaces))
     contact = none.astype(jnp.int32)
     lanes = begin_lanes(batch, State(batch.initial, none, contact, contact), method)
-    clock = Clock.from_phase_0(steps)
+    clock = Clock.of_steps(steps)
     kept: list[Any] = []
     for done in range(0, periods, BLOCK):
         n = min(BLOCK, periods - done)
@@ -70,7 +70,7 @@ def block_of_periods(batch: Any, lanes: Any, clock: Clock, n: int, method: Choic
 
 def part_of_period(runs: RowRuns, steps: int, per_period: int) -> np.ndarray:
     """States (lanes, 6, N) so many steps after the end of the runs."""
-    clock = Clock.from_phase_0(steps)._replace(per_period=jnp.asarray(float(per_period)))
+    clock = Clock.of_steps(steps)._replace(per_period=jnp.asarray(float(per_period)))
     _, block = block_of_periods(runs.batch, runs.last, clock, 1, runs.method)
     return np.stack(block.motion, axis=2)[0]
 

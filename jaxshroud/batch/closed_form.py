@@ -1,4 +1,7 @@
-"""Runs of scenes without contact, in closed form and without stepping, with the range of their displacements."""
+"""Runs in closed form, without steps: of scenes without contact, and of those asked to stay in one state of contact.
+
+Without contact a run begins with its transient. Of a state of contact it is the settled motion.
+"""
 
 import math
 from functools import partial
@@ -12,26 +15,28 @@ from jaxtyping import Array, Float, Int
 
 from jaxshroud.batch.lanes import begin_lanes
 from jaxshroud.batch.limits import check_memory
-from jaxshroud.batch.operation_count import TrialSize
 from jaxshroud.batch.periods import Sample, sample_of_users
-from jaxshroud.batch.plan import Plan, Runs, Tick, run_log
+from jaxshroud.batch.plan import Plan, RunLog, Runs, Tick, run_log
 from jaxshroud.batch.sampling import MAX_UNKEPT, SAMPLES_PER_BLOCK, SampleGrid
-from jaxshroud.batch.states import carried_state
+from jaxshroud.batch.states import carried_state, states_apart
 from jaxshroud.batch.stretches import RunningAmplitudes, SampledAmplitudes, Trajectories
 from jaxshroud.cache.programs import kept
-from jaxshroud.march.accumulator import ContactPeaks, ContactTimes, Counters, DisplacementRange, Impacts
+from jaxshroud.linear.linear_motion import LinearMotion
+from jaxshroud.linear.linear_sector import settled_linear_motions
+from jaxshroud.march.accumulator import ContactPeaks, ContactTimes, Counters, DisplacementRange, Impacts, StepExtrema
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest
-from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, sine_versine, summed
+from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, Unrolled, sine_versine, summed
 from jaxshroud.model.contact_law import ContactLoads
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import free_components, free_motion, free_propagators, steady_amplitudes
 from jaxshroud.model.modes import Status
-from jaxshroud.model.prepared import State, prepared_model
+from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Displacements, Means, Moments, position_at
-from jaxshroud.model.row import along_blades, at_interface, state_of_row
+from jaxshroud.model.row import along_blades, at_interface, prepared_row
+from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.quantities import DISPLACEMENTS
+from jaxshroud.scene.quantities import DISPLACEMENTS, Quantity, amplitude_of
 from jaxshroud.scene.scene import PerBlade, Scene
 
 NEWTON_STEPS = 4  # from the node at which a displacement is largest to where its speed vanishes: to rounding
@@ -109,8 +114,8 @@ def _at_turn(
 
 
 def _in_pairs(values: Float[Array, "2 3"]) -> Displacements:
-    """Displacements (2, 3) as a pair for each of x, y and theta."""
-    x, y, theta = ((values[0, i], values[1, i]) for i in range(3))
+    """Displacements (2, 3) along an unrolled axis of blades for each of x, y and theta."""
+    x, y, theta = along_blades(tuple(values.T))
     return x, y, theta
 
 
@@ -158,17 +163,6 @@ def closed_form_runs(scenes: Scene, states: State, plan: Plan, ticker: Tick, arr
     return Runs(sample_of_users(samples), jax.tree.map(np.zeros_like, log), log, last)
 
 
-def no_steps(method: Choices) -> None:
-    """The method that steps through the closed form: none."""
-    del method
-
-
-def no_trial(scene: Scene, method: Choices) -> TrialSize:
-    """The size of a trial step of the closed form."""
-    del scene, method
-    return TrialSize(0, 0)
-
-
 @kept("periods", "nodes", "amplitudes", "vibration")
 def _closed_form_samples(
     scenes: Scene,
@@ -193,18 +187,18 @@ def _closed_form_samples(
         apart = jnp.broadcast_to(period, power[:, 0].shape)
 
         def in_pairs(a):
-            return (a[:, 0], a[:, 1])
+            return Unrolled(a[:, 0], a[:, 1])
 
         sizes = tuple(in_pairs(largest[..., i]) for i in range(3))
         ends = Motion._make(in_pairs(a[1:]) for a in motion)
         none = jnp.zeros_like(apart)
-        of_blades = Sample(ends, in_pairs(power), largest=sizes, moments=moments, extent=extent)
+        sample = Sample(ends, in_pairs(power), largest=sizes, moments=moments, extent=extent)
         in_contact = at_interface((means, ContactTimes(apart, none, none)))
-        sample = along_blades(of_blades)._replace(means=in_contact[0], times=in_contact[1])
+        sample = sample._replace(means=in_contact[0], times=in_contact[1])
         last = State(Motion._make(a[-1] for a in motion), state.u_s, state.mode, state.case)
         status = free_status(scene, motion, jnp.max(largest[..., 2]))
         sample = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
-        end = state_of_row(carried_state(last, prepared_model(scene)))
+        end = carried_state(last, prepared_row(scene))
         return sample, end, status, at_interface(times[-1] - times[0])
 
     return jax.vmap(one)(scenes, states, begin)
@@ -308,3 +302,114 @@ def _period_mean_square(scene: Scene, first: Motion, turns: Scalar, nodes: int) 
     _, versine = sine_versine(theta)
     sizes = jnp.append(jnp.sqrt(2 * bending), jnp.max(jnp.abs(theta), axis=0)[:, None], axis=1)
     return bending.sum(axis=1) + gyration(scene.shroud) * 2 * (weights @ versine), sizes
+
+
+STILL = 1e-13  # of the mean square, below which the variance of a blade that stands still is rounding
+
+
+class EndedLane(NamedTuple):
+    """What is read of lanes at their end: they were not marched."""
+
+    state: State
+    status: Any
+
+
+def settled_runs(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: np.ndarray) -> Runs:
+    """The runs of lanes (leading axis) whose contact stays in one state; a settled motion has no start."""
+    del states, arrived
+    motion = settled_linear_motions(scenes)
+    status = linear_status(motion)
+    ticker(len(status) * (plan.transient + plan.kept))
+    samples = _sample(scenes, motion, plan.method)
+    samples = jax.tree.map(lambda a: _repeated(a, status, plan.kept), samples)
+    v_max: Any = np.where(status[:, None] == Status.OK, motion.v_max, np.nan)
+    unknown: Any = np.full_like(v_max, np.nan)
+    within = StepExtrema(v_max, unknown, unknown, unknown) if plan.method.within else None
+    counts: dict[str, Any] = dict.fromkeys(Counters.__annotations__, jnp.zeros(v_max.shape, jnp.int32))
+    log = RunLog(v_max, Counters(**counts), within)
+    last = jax.tree.map(lambda a: a[:, -1], samples.motion)
+    return Runs(samples, jax.tree.map(np.zeros_like, log), log, EndedLane(states_apart(scenes, last), status))
+
+
+def linear_amplitude_values(scenes: Scene, of: Quantity) -> np.ndarray:
+    """An amplitude, such as "x_peak", of scenes (leading axis), (lanes, blades); NaN where the state is not kept."""
+    motion = settled_linear_motions(scenes)
+    return np.where((linear_status(motion) == Status.OK)[:, None], linear_amplitudes(motion, of), np.nan)
+
+
+def linear_amplitudes(motion: LinearMotion, of: Quantity) -> Any:
+    """An amplitude of linear motions, (lanes, blades); that of a blade that stands still has no derivative."""
+    amplitude = amplitude_of(of)
+    assert amplitude is not None  # which `of` is
+    mean, square, high, low = (
+        a[:, amplitude.row] for a in (motion.first, motion.second, motion.highest, motion.lowest)
+    )
+    xp = mean.__array_namespace__()
+    if amplitude.measure == "mean":
+        return mean
+    if amplitude.measure == "rms":
+        variance = square - mean**2
+        return xp.sqrt(xp.where(variance > STILL * square, variance, 0.0))
+    return xp.where(high - mean >= mean - low, high - mean, mean - low)
+
+
+def linear_status(motion: LinearMotion) -> np.ndarray:
+    """The status of lanes: OK where the state of contact is kept."""
+    numbers = np.asarray(motion.power)
+    status = np.where(motion.margins.holds, Status.OK, Status.NOT_LINEAR)
+    turned = np.maximum(np.abs(motion.highest), np.abs(motion.lowest))[:, 2].max(axis=1)
+    status = np.where(turned > ANGLE_RANGE, Status.ANGLE_OUT_OF_RANGE, status)
+    return np.where(np.isfinite(numbers).all(axis=1), status, Status.NOT_FINITE).astype(np.int32)
+
+
+def _repeated(a: Any, status: np.ndarray, kept: int) -> np.ndarray:
+    """A number of lanes (lanes, ...) in each of the kept periods; NaN where the state is not kept."""
+    ok = (status == Status.OK).reshape(-1, *[1] * (np.ndim(a) - 1))
+    return np.repeat(np.where(ok, a, np.nan)[:, None], kept, axis=1)
+
+
+def _sample(scenes: Scene, motion: LinearMotion, method: Choices) -> Sample:
+    """One period of each lane."""
+    period = 2 * np.pi / np.asarray(scenes.drive.omega, float)[:, None]
+    counted = scenes.layout.counting
+    first, second, highest, lowest = (
+        tuple(np.moveaxis(np.asarray(a), 1, 0)) for a in (motion.first, motion.second, motion.highest, motion.lowest)
+    )
+
+    def in_time(numbers):
+        return tuple(a * period for a in numbers)
+
+    still = np.zeros_like(motion.N_max)
+    whole = still + period
+    sample = Sample(
+        Motion._make(np.asarray(part)[:, i] for part in (motion.displacement, motion.speed) for i in range(3)),
+        motion.power,
+        largest=tuple(np.maximum(np.abs(a), np.abs(b)) for a, b in zip(highest, lowest, strict=True)),
+        times=ContactTimes(whole, still, still)
+        if scenes.parts.contact == "apart"
+        else ContactTimes(still, whole, still),
+    )
+    if method.vibration:
+        sample = sample._replace(means=Means._make(np.asarray(a)[:, counted] for a in motion.means))
+    if method.amplitudes:
+        extent = DisplacementRange(highest, lowest)
+        sample = sample._replace(moments=Moments(in_time(first), in_time(second)), extent=extent)
+    if method.ledger:
+        lost = _power_lost(scenes, motion) * period[:, 0]
+        nothing = np.zeros_like(lost)
+        works = {"work": lost, "gross": lost, "viscous": lost, "dropped": nothing, "residual": nothing}
+        sample = sample._replace(**works, friction=still, switched=still)
+    if method.forces:
+        loads = ContactLoads(motion.N * period, still, still, still)
+        sample = sample._replace(
+            forces=ContactPeaks(motion.N_max, motion.F_max), loads=loads, impacts=Impacts._make([still] * 7)
+        )
+    return sample
+
+
+def _power_lost(scenes: Scene, motion: LinearMotion) -> np.ndarray:
+    """The mean power that the dampers of all blades take, which the drive gives [W], (lanes,)."""
+    b = scenes.blades
+    assert isinstance(b, Blades)  # others have no closed forms
+    dampers = np.stack([np.asarray(a, float) for a in (b.c_x, b.c_y, b.c_T)], axis=1)
+    return np.einsum("lrb,lrb->l", motion.speed_square, dampers)

@@ -78,9 +78,9 @@ def end_flow(lanes: Lane, model: RowModel, time: PerLane, each: EachLane) -> Flo
     status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
     end = canonical(lanes.state, model, each)
     of_blades = on_last_axis(lanes_first((power, moments, means)))
-    own = None if isinstance(model.blades, LumpedBlade) else as_users_have(end, model).motion
+    own = None if isinstance(model.blades, LumpedBlade) else as_users_have(end).motion
     return Flow(
-        state=as_users_have(State(model.blades.shroud(end.motion), end.u_s, end.mode, end.case), model),
+        state=as_users_have(State(model.blades.shroud(end.motion), end.u_s, end.mode, end.case)),
         power=of_blades[0],
         status=status,
         margins=margins_of_all(lanes.accumulator.margins),

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.batch.states import carried_state, with_zeros, without_unrolled_axes
+from jaxshroud.batch.states import carried_state, users_state
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.accumulator import Accumulator, EnergyJumps
 from jaxshroud.march.carry import EachLane, Lane
@@ -25,13 +25,12 @@ from jaxshroud.march.forces_and_energy import (
     stacked_point_forces,
 )
 from jaxshroud.march.method import Choices
-from jaxshroud.march.row_guards import row_contact_forces
+from jaxshroud.march.row_events import row_contact_forces
 from jaxshroud.march.row_step import whole
 from jaxshroud.march.stepper import stepper_for
-from jaxshroud.model.arithmetic import ZERO, any_along, filled, is_unrolled, is_zero, sincos_turns, total, where
+from jaxshroud.model.arithmetic import any_along, filled, is_unrolled, is_zero, sincos_turns, total, where
 from jaxshroud.model.geometry import Kinematics
 from jaxshroud.model.modes import FLAT, Mode, Status
-from jaxshroud.model.points_contact import points_last
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import Ledger
 from jaxshroud.model.row import (
@@ -44,9 +43,7 @@ from jaxshroud.model.row import (
     over,
     pair_states,
     prepared_row,
-    state_of_row,
 )
-from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
 
@@ -87,21 +84,7 @@ def lanes_at_start(states: State, model: RowModel, method: Choices, each: EachLa
 
 def carried_states(states: State, model: RowModel) -> State:
     """States as users have them, lanes first, in the form that compiled loops carry, lanes last."""
-    if model.is_pair:
-        return state_of_row(jax.vmap(carried_state)(states, model.pair))
-    states = lanes_last(states)
-    motion = states.motion
-    if isinstance(motion, Motion):
-
-        def moves(name):
-            return name.removeprefix("v_") in model.parts.motion
-
-        motion = Motion._make(a if moves(name) else ZERO for name, a in zip(Motion._fields, motion, strict=True))
-    law = model.interfaces.law
-    u_s, mode = states.u_s, states.mode
-    if law.has_points and not isinstance(mode, tuple):
-        u_s, mode = (jnp.moveaxis(a, 1, 0) for a in (u_s, mode))  # the axis of points first
-    return State(motion, law.carried_slider(u_s, mode), law.carried_mode(mode), states.case)
+    return carried_state(lanes_last(states), model)
 
 
 def stored_energies(state: State, model: RowModel, each: EachLane) -> Float[Array, " lanes"]:
@@ -131,12 +114,13 @@ def residual_of_energy(accumulator: Accumulator, gained: Any) -> Any:
     """The residual of the energy balance of lanes [J], lanes last, that have `gained` energy."""
     jumps = accumulator.jumps
     assert jumps is not None
+    works = Ledger._make(in_all(a, gained) for a in ledger_of(accumulator))
+    return energy_residual(works, EnergyJumps(in_all(jumps.springs, gained), jumps.dropped), gained)
 
-    def in_all(a: Any) -> Any:
-        return total(a) if is_unrolled(a) or jnp.ndim(a) > jnp.ndim(gained) else a
 
-    works = Ledger._make(map(in_all, ledger_of(accumulator)))
-    return energy_residual(works, EnergyJumps(in_all(jumps.springs), jumps.dropped), gained)
+def in_all(a: Any, like: Any) -> Any:
+    """The sum of what there is of each blade or interface; what is of lanes, as `like` is, as it is."""
+    return total(a) if is_unrolled(a) or jnp.ndim(a) > jnp.ndim(like) else a
 
 
 class Sampled(NamedTuple):
@@ -151,9 +135,9 @@ def sampled(
 ) -> Sampled:
     """A sample of lanes, lanes last, at phases of the drive [turns]; NaN where the status is not OK."""
     u_s, of_contact = whole(each, partial(_contact_now, forces=forces), state, turns, model)
-    found = as_users_have(State(model.blades.shroud(state.motion), u_s, state.mode, state.case), model)
+    found = as_users_have(State(model.blades.shroud(state.motion), u_s, state.mode, state.case))
     if forces:
-        of_contact = as_arrays_of_users(of_contact, model)
+        of_contact = as_arrays_of_users(of_contact)
     lost = status != Status.OK
 
     def kept(a: Any) -> Any:
@@ -169,23 +153,16 @@ def _contact_now(state: State, turns: Any, model: RowModel, each: EachLane, forc
     return u_s, row_contact_forces(state, each(sincos_turns, turns), model, each) if forces else None
 
 
-def as_arrays_of_users(forces: ContactForces, model: RowModel) -> ContactForces:
+def as_arrays_of_users(forces: ContactForces) -> ContactForces:
     """The forces of contact, lanes last, as users have them, lanes first."""
-    axis = -2
-    if model.is_pair:
-        forces = at_only_interface(forces)
-        axis = -1
-    points = stacked_point_forces(forces.points, jnp.zeros_like(forces.v), axis)
-    forces = forces._replace(N=filled(forces.N, forces.v), F=filled(forces.F, forces.v), points=points)
-    return forces if model.is_pair else lanes_first(forces)
+    forces = at_only_interface(lanes_first(forces))
+    points = stacked_point_forces(forces.points, jnp.zeros_like(forces.v))
+    return forces._replace(N=filled(forces.N, forces.v), F=filled(forces.F, forces.v), points=points)
 
 
-def as_users_have(state: State, model: RowModel) -> State:
+def as_users_have(state: State) -> State:
     """The states of shrouds, lanes last, as users have them, lanes first."""
-    state = with_zeros(state)
-    if model.is_pair:
-        return without_unrolled_axes(state)
-    return lanes_first(State(state.motion, points_last(state.u_s, -2), points_last(state.mode, -2), state.case))
+    return users_state(lanes_first(state))
 
 
 def canonical(state: State, model: RowModel, each: EachLane) -> State:

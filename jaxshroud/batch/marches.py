@@ -1,14 +1,11 @@
 """How lanes are run, by stepping or in closed form, and which of these ways scenes take."""
 
 from collections.abc import Callable
-from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
 
-from jaxshroud.batch.closed_form import closed_form_runs, free_trajectories, no_steps, no_trial
-from jaxshroud.batch.linear_runs import settled_runs
-from jaxshroud.batch.operation_count import TrialSize, size_of_trial
+from jaxshroud.batch.closed_form import closed_form_runs, free_trajectories, settled_runs
 from jaxshroud.batch.plan import Plan, Runs, Tick
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.stepped_runs import stepped_runs, stepped_trajectories
@@ -20,7 +17,7 @@ from jaxshroud.march.tableau import Tableau, TaylorOptions
 from jaxshroud.model.prepared import State, law_type
 from jaxshroud.model.spring_contact import NoContact
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.layout import COUPLED_WITHOUT_CONTACT, LIMITED, NO_CONTACT, PAIR, require_steps
+from jaxshroud.scene.layout import COUPLED_WITHOUT_CONTACT, NO_CONTACT, PAIR, require_capability, require_steps
 from jaxshroud.scene.scene import Scene
 
 
@@ -31,17 +28,19 @@ class March(NamedTuple):
     """The whole periods of a plan; see `runs.run_lanes`."""
     trajectories: Callable[[Scene, State, SampleGrid, Choices, Tick], Trajectories]
     """Samples at instants with all quantities of results; see `runs.trajectories`."""
-    trial_size: Callable[[Scene, Choices], TrialSize]
-    """(scene, method) -> the size of a trial step of one lane."""
-    stepping: Callable[[Choices], Tableau | TaylorOptions | None]
-    """The method by which it steps; None in closed form."""
+    steps: bool
+    """Whether it takes steps, or has a closed form."""
+
+    def stepping(self, method: Choices) -> Tableau | TaylorOptions | None:
+        """The method by which it steps; None in closed form."""
+        return method.tableau if self.steps else None
 
 
-STEPPED = March(stepped_runs, stepped_trajectories, size_of_trial, attrgetter("tableau"))
+STEPPED = March(stepped_runs, stepped_trajectories, steps=True)
 # Blades that never touch have a closed form; where tangents or motions alone are wanted, they are marched.
-WITHOUT_CONTACT = March(closed_form_runs, free_trajectories, no_trial, no_steps)
+WITHOUT_CONTACT = March(closed_form_runs, free_trajectories, steps=False)
 # Contact that is asked to stay in one state has a closed form too, of its settled motion.
-LINEAR = March(settled_runs, stepped_trajectories, no_trial, no_steps)
+LINEAR = March(settled_runs, stepped_trajectories, steps=False)
 
 
 def march_of(scenes: Scene) -> March:
@@ -56,10 +55,9 @@ def require_march(scenes: Scene, method: Choices) -> None:
     require_steps(scenes.parts.contact)
     stepper = stepper_for(method)
     law = law_type(scenes)
-    is_pair = scenes.layout == PAIR
-    if scenes.is_coupled and law is NoContact:
-        raise InputError(COUPLED_WITHOUT_CONTACT)
-    if not is_pair and law is NoContact:
-        raise InputError(LIMITED[NO_CONTACT].refusal())
+    if law is NoContact:
+        if scenes.is_coupled:
+            raise InputError(COUPLED_WITHOUT_CONTACT)
+        require_capability(NO_CONTACT, scenes.layout)
     if not stepper.knows(law):
         raise InputError(f"The method taylor knows located contact, not {law.called}; take a Runge-Kutta method.")

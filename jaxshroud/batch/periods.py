@@ -1,7 +1,6 @@
 """The loop over trials, and whole drive periods of many lanes in one compiled function."""
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -12,6 +11,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxshroud.batch.lanes import (
+    in_all,
     lane_models,
     lanes_first,
     lanes_last,
@@ -19,6 +19,7 @@ from jaxshroud.batch.lanes import (
     residual_of_energy,
     stored_energies,
 )
+from jaxshroud.batch.limits import CallPace
 from jaxshroud.batch.states import on_last_axis
 from jaxshroud.batch.xla import compiled, has_several_kernels, repeated_while
 from jaxshroud.march.accumulator import Log, mean_position
@@ -27,7 +28,7 @@ from jaxshroud.march.forces_and_energy import is_unbalanced
 from jaxshroud.march.log import accumulator_of_new_period
 from jaxshroud.march.method import FLAT_RETURN, Choices
 from jaxshroud.march.stepper import stepper_for
-from jaxshroud.model.arithmetic import filled, is_unrolled, total
+from jaxshroud.model.arithmetic import filled, is_unrolled
 from jaxshroud.model.modes import Status
 from jaxshroud.model.row import RowModel, of_blades_that_count, positions_that_count
 from jaxshroud.scene.keys import Motion
@@ -122,9 +123,19 @@ class Clock(NamedTuple):
     flat_return: Float[Array, ""] | Float[np.ndarray, ""]  # of a period, see `time_grid`
 
     @classmethod
-    def from_phase_0(cls, steps: int, flat_return: float = FLAT_RETURN) -> "Clock":
-        """The grid of whole periods of so many steps from drive phase 0."""
-        return cls(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(float(steps)), np.asarray(flat_return))
+    def of_steps(
+        cls,
+        steps: int,
+        *,
+        start: float = 0.0,
+        per_period: float | None = None,
+        flat_return: float = FLAT_RETURN,
+        dtype: Any = float,
+    ) -> "Clock":
+        """The grid of so many steps, by default those of a period, in a type of real numbers."""
+        per_period = steps if per_period is None else per_period
+        flat = np.asarray(flat_return, dtype)
+        return cls(jnp.asarray(start, dtype), jnp.int32(steps), jnp.asarray(per_period, dtype), flat)
 
     def grids(self, periods: Float[Array, " lanes"]) -> TimeGrid:
         """The time grid of each lane from its drive period."""
@@ -164,6 +175,55 @@ def one_call(most: int) -> CallLimits:
 def first_passes(lanes: int, layout: Layout) -> int:
     """The passes of the first call to the device, whose time is not known: some milliseconds for so many lanes."""
     return max(BLADE_TRIALS_OF_FIRST_CALL // (lanes * layout.blades), 1)
+
+
+def in_calls(
+    call: Callable[[Any, CallLimits], tuple[Any, Any, Any]],
+    begin: Any,
+    count: int,
+    most: int,
+    pace: CallPace,
+    tick: Callable[[float], Any],
+    part: Callable[[Any], float] = lambda _: 0.0,
+) -> tuple[Any, Any]:
+    """March over a `count` of periods or samples in calls to the device that are short.
+
+    Args:
+        call: What lies between two calls, how many have ended, and samples (leading axis, then the lanes), of which
+            further ones are meaningless.
+        begin: What lies before the first call.
+        count: Periods or samples.
+        most: Of a call at most.
+        pace: How much a call does.
+        tick: Called after every call with the number that it made, parts of one included.
+        part: The part of the next one that has been made.
+
+    Returns:
+        What lies after the last call, and the samples (lanes, samples, ...); None if there are none.
+    """
+    blocks = []
+    done, reported = 0, 0.0
+    while done < count:
+        left = min(count - done, most)
+
+        def paced(passes: np.int32, left: int = left, begin: Any = begin) -> tuple[Any, int, Any]:
+            after, ended, samples = call(begin, CallLimits(jnp.int32(left), jnp.asarray(passes)))
+            return after, int(ended), samples
+
+        begin, ended, samples = pace.timed(paced, lambda result, left=left: result[1] < left)
+        blocks.append(jax.tree.map(lambda a, n=ended: np.asarray(a)[:n].swapaxes(0, 1), samples))
+        done += ended
+        now = done + (part(begin) if done < count else 0.0)
+        tick(now - reported)
+        reported = now
+    return begin, jax.tree.map(lambda *a: np.concatenate(a, axis=1), *blocks) if blocks else None
+
+
+def part_done(lanes: Any, steps: Any) -> float:
+    """The part of a period of so many steps that lanes have marched, on average; those that have stopped count as 0."""
+    return float(
+        np.mean(np.where(np.asarray(lanes.status) == Status.OK, np.asarray(lanes.step) / np.asarray(steps), 0))
+    )
 
 
 def periods_within(
@@ -230,9 +290,8 @@ def end_period(
         works = {"work": ledger.drive, "gross": ledger.gross, "viscous": ledger.viscous, "friction": ledger.friction}
         works |= {"switched": jumps.springs, "dropped": jumps.dropped, "residual": residual}
         if model.interfaces.law.may_create_energy:  # the printed reading never balances, and other laws need no check
-            gross = ledger.gross if model.is_pair else total(ledger.gross)
-            astray = is_unbalanced(residual, gross, stored_before, stored)
-    means = mean_position(accumulator, z, period, steps, partial(positions_that_count, model=model))
+            astray = is_unbalanced(residual, in_all(ledger.gross, stored), stored_before, stored)
+    means = mean_position(accumulator, positions_that_count(z, model), period, steps)
     logged = {name: getattr(log, name) for name in LOGGED_BY_PERIOD}
     of_blades = {"motion": z, "moments": gain.moments, "largest": logged.pop("largest"), "extent": logged.pop("extent")}
     of_faces = {"loads": gain.loads} | logged
@@ -245,6 +304,47 @@ def end_period(
     status = jnp.where(ended & (lanes.status == Status.OK), fault, lanes.status).astype(lanes.status.dtype)
     lanes = eqx.tree_at(lambda lane: lane.status, lanes, status)
     return lanes, jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
+
+
+class Part(NamedTuple):
+    """What a march does in each of the parts, periods or stretches from sample to sample, of a block of them."""
+
+    begin: Callable[[Lane], tuple[Lane, Any]]
+    """The lanes, lanes last, as a part begins, and what is known of it then, see `Interim`."""
+    stop: Callable[[Any], Any]
+    """The step at which it ends, from what is known."""
+    end: Callable[[Lane, Any, Any], tuple[Lane, Any]]
+    """The lanes as it ends, if it has, and its sample."""
+
+
+def marched_block(
+    part: Part,
+    begin: Interim,
+    constants: tuple[Any, Any],
+    limits: CallLimits,
+    length: int,
+    method: Choices,
+    each: EachLane,
+) -> tuple[Interim, Int[Array, ""], Any]:
+    """Run up to `length` parts of every lane (leading axis): those at the end, how many have ended, and their samples.
+
+    Samples have the axes (part, lane); those after the last part that has ended are meaningless. The `constants` are
+    the models of the lanes, lanes last, and their time grids.
+    """
+
+    def one(carry, i):
+        (lanes, begun, inside), passes = carry
+        on = (i < limits.most) & (passes > 0)
+        lanes, begun = select_tree(on & ~inside, part.begin(lanes), (lanes, begun))
+        stop = jnp.where(on, part.stop(begun), jnp.zeros_like(lanes.step))
+        lanes, passes = march(lanes, Fixed(*constants, stop), method, each, passes=passes)
+        over = on & ~jnp.any(running(lanes, stop))
+        lanes, sample = part.end(lanes, begun, over)
+        return (Interim(lanes, begun, (on | inside) & ~over), passes), (sample, over)
+
+    first = begin._replace(lanes=lanes_last(begin.lanes)), limits.passes
+    (end, _), (samples, over) = lax.scan(one, first, jnp.arange(length, dtype=jnp.int32))
+    return end._replace(lanes=lanes_first(end.lanes)), jnp.sum(over, dtype=jnp.int32), samples
 
 
 @compiled("method", "block", "each")
@@ -267,36 +367,11 @@ def run_block(
         ones are meaningless.
     """
     model, periods = lane_models(scenes)
-    grids = clock.grids(periods)
 
-    def one(carry, i):
-        (lanes, energies, inside), passes = carry
-        on = (i < limits.most) & (passes > 0)
-        lanes, energies = select_tree(on & ~inside, begin_period(lanes, model, method, each), (lanes, energies))
-        stops = jnp.where(on & (lanes.status == Status.OK), clock.steps, 0)
-        lanes, passes = march(lanes, Fixed(model, grids, stops), method, each, passes=passes)
-        over = on & ~jnp.any(running(lanes, stops))
+    def end(lanes, energies, over):
         lanes = with_clock_reset(lanes, over & (lanes.step == clock.steps))
         lanes, sample = end_period(lanes, energies, model, periods, clock.per_period, each, ended=over)
-        return (Interim(lanes, energies, (on | inside) & ~over), passes), (lanes_first(sample), over)
+        return lanes, lanes_first(sample)
 
-    first = begin._replace(lanes=lanes_last(begin.lanes)), limits.passes
-    (end, _), (samples, over) = lax.scan(one, first, jnp.arange(block, dtype=jnp.int32))
-    return end._replace(lanes=lanes_first(end.lanes)), jnp.sum(over, dtype=jnp.int32), samples
-
-
-def period_function(scenes: Scene, clock: Clock, method: Choices, each: EachLane) -> Callable[..., tuple[Any, Any]]:
-    """A function of lanes, lanes last, and a flag.
-
-    If the flag is set, it runs a period of the lanes that have not stopped; it returns these with their samples.
-    """
-    model, periods = lane_models(scenes)
-
-    def run(lanes: Any, on: Any) -> tuple[Any, Any]:
-        stops = jnp.where(on & (lanes.status == Status.OK), clock.steps, 0)
-        lanes, energies = begin_period(lanes, model, method, each)
-        lanes = march(lanes, Fixed(model, clock.grids(periods), stops), method, each)
-        lanes = with_clock_reset(lanes, lanes.step == clock.steps)
-        return end_period(lanes, energies, model, periods, clock.per_period, each)
-
-    return run
+    period = Part(lambda lanes: begin_period(lanes, model, method, each), lambda _: clock.steps, end)
+    return marched_block(period, begin, (model, clock.grids(periods)), limits, block, method, each)

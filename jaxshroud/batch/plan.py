@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.periods import Clock
@@ -33,9 +32,8 @@ class Plan:
     @property
     def clock(self) -> Clock:
         """The grid of whole periods from the sampling phase."""
-        n = self.steps_per_period
-        flat_return = np.asarray(self.method.flat_return)
-        return Clock(jnp.asarray(self.phase / (2 * np.pi)), jnp.int32(n), jnp.asarray(float(n)), flat_return)
+        start = self.phase / (2 * np.pi)
+        return Clock.of_steps(self.steps_per_period, start=start, flat_return=self.method.flat_return)
 
     @property
     def lead_in(self) -> Clock | None:
@@ -44,8 +42,7 @@ class Plan:
         steps = int(np.ceil(turns * self.steps_per_period))
         if not steps:
             return None
-        flat_return = np.asarray(self.method.flat_return)
-        return Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(steps / turns), flat_return)
+        return Clock.of_steps(steps, per_period=steps / turns, flat_return=self.method.flat_return)
 
 
 def both(one: Tick, other: Tick) -> Tick:

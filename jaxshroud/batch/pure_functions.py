@@ -20,13 +20,14 @@ from jaxshroud.batch.differentiable_samples import (
 )
 from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.lanes import as_arrays_of_users, carried_states, lane_models, lanes_at_start, lanes_first
-from jaxshroud.batch.periods import Clock, period_function
+from jaxshroud.batch.periods import Clock, begin_period, end_period, march, with_clock_reset
 from jaxshroud.batch.states import on_last_axis
 from jaxshroud.batch.stopped import Admitted, lost_tangents, nan_where
 from jaxshroud.batch.xla import best_mapping, one_lane, vmapped
 from jaxshroud.march.accumulator import EventMargins
+from jaxshroud.march.carry import Fixed
 from jaxshroud.march.method import Choices
-from jaxshroud.march.row_guards import row_contact_forces
+from jaxshroud.march.row_events import row_contact_forces
 from jaxshroud.model.arithmetic import Scalar, sincos_turns
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
@@ -67,7 +68,7 @@ def sampled_moments(begin: Admitted, schedule: Schedule) -> SampledMoments:
     def at(t, turns, state, stopped):
         lanes = carried_states(one_lane(state), model)
         wave = vmapped(sincos_turns, one_lane(turns))
-        forces = as_arrays_of_users(row_contact_forces(lanes, wave, model, vmapped), model)
+        forces = as_arrays_of_users(row_contact_forces(lanes, wave, model, vmapped))
         of_contact = jax.tree.map(lambda a: a[0], (forces.N, forces.F, forces.v, forces.u))
         # of the motion in any mode, so that the NaN of a stopped lane reaches all numbers in reverse mode
         N, F, v, u = jax.tree.map(lambda a: jnp.where(stopped, state.motion.x[0], a), of_contact)
@@ -97,7 +98,7 @@ class SweepPlan(NamedTuple):
     @property
     def clock(self) -> Clock:
         """The grid of whole periods from drive phase 0."""
-        return Clock.from_phase_0(self.steps, self.method.flat_return)
+        return Clock.of_steps(self.steps, flat_return=self.method.flat_return)
 
     @property
     def schedule(self) -> Schedule:
@@ -131,14 +132,18 @@ def lane_outcomes(scenes: Scene, states: State, plan: SweepPlan) -> LaneOutcomes
 
 def _lane_outcomes(scenes: Scene, states: State, plan: SweepPlan) -> LaneOutcomes:
     """The results of lanes, by the periods of the verb `sweep`."""
-    each = best_mapping()
-    period = period_function(scenes, plan.clock, plan.method, each)
+    clock, method, each = plan.clock, plan.method, best_mapping()
+    model, periods = lane_models(scenes)
+    fixed = Fixed(model, clock.grids(periods), clock.steps)
 
     def one(lanes: Any, _: Any) -> Any:
-        lanes, sample = period(lanes, True)
+        lanes, energies = begin_period(lanes, model, method, each)
+        lanes = march(lanes, fixed, method, each)
+        lanes = with_clock_reset(lanes, lanes.step == clock.steps)
+        lanes, sample = end_period(lanes, energies, model, periods, clock.per_period, each)
         return lanes, on_last_axis(lanes_first((sample.motion, sample.power, sample.means)))
 
-    begin = lanes_at_start(states, lane_models(scenes)[0], plan.method, each)
+    begin = lanes_at_start(states, model, method, each)
     last, (motion, power, means) = lax.scan(skip_samples(one, plan.transient), begin, jnp.arange(plan.kept))
     motion = jax.tree.map(lambda a: jnp.moveaxis(a, 0, 1), motion)
     power, means = jax.tree.map(lambda a: jnp.mean(a, axis=0), (power, means))

@@ -14,12 +14,21 @@ from jaxtyping import Array, Float, Int
 
 from jaxshroud.batch.lanes import Sampled, lane_models, lanes_first, lanes_last, sampled
 from jaxshroud.batch.limits import CallPace
-from jaxshroud.batch.periods import CallLimits, Clock, Interim, first_passes, march, with_clock_reset
+from jaxshroud.batch.periods import (
+    CallLimits,
+    Clock,
+    Interim,
+    Part,
+    first_passes,
+    in_calls,
+    marched_block,
+    with_clock_reset,
+)
 from jaxshroud.batch.states import events_at_start, next_at_start
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.carry import EachLane, Fixed, Lane, TimeGrid, running
 from jaxshroud.march.method import Choices
-from jaxshroud.march.row_guards import interface_view, row_torques
+from jaxshroud.march.row_events import interface_view, row_torques
 from jaxshroud.march.row_trial import step_of_trial
 from jaxshroud.march.stepper import stepper_for
 from jaxshroud.model.arithmetic import Scalar, sincos_turns
@@ -28,7 +37,6 @@ from jaxshroud.model.points_contact import by_point, interface_mode
 from jaxshroud.model.prepared import State
 from jaxshroud.model.row import over, pair_states
 from jaxshroud.scene.scene import Scene
-from jaxshroud.scene.typed import Tree
 
 SAMPLES_PER_BLOCK = 1024  # samples per call
 MAX_UNKEPT = 1 << 19  # samples of all lanes that are held at once, where only some of them are kept
@@ -71,9 +79,8 @@ class SampleGrid(NamedTuple):
 
     def clock(self, scenes: Scene, method: Choices) -> Clock:
         """The time grid of a method in the precision of the scenes."""
-        dtype = scenes.drive.omega.dtype
-        start, steps = jnp.asarray(self.turns, dtype), jnp.asarray(self.steps, dtype)
-        return Clock(start, jnp.int32(self.steps), steps, np.asarray(method.flat_return, dtype))
+        numbers = {"start": self.turns, "flat_return": method.flat_return, "dtype": scenes.drive.omega.dtype}
+        return Clock.of_steps(self.steps, **numbers)
 
 
 class Stretch(NamedTuple):
@@ -113,53 +120,18 @@ def march_by_steps(
     scenes: Scene, lanes: Lane, stretch: Stretch, grid: SampleGrid, method: Choices, tick: Callable[[int], None]
 ) -> SampledMarch:
     """March lanes (leading axis) with samples at the ends of steps; `tick` gets the number of further steps."""
-    clock = grid.clock(scenes, method)
-    each = best_mapping()
+    options = grid.clock(scenes, method), jnp.int32(stretch.apart)
 
     def block(interim: Interim, limits: CallLimits) -> tuple[Interim, Any, Sampled]:
-        return _block_of_samples(scenes, interim, clock, jnp.int32(stretch.apart), limits, method, each, grid.forces)
+        return _block_of_samples(scenes, interim, *options, limits, method, best_mapping(), grid.forces)
+
+    def steps_done(samples: float) -> None:
+        tick(round(samples * stretch.apart))
 
     pace = CallPace(first_passes(len(lanes.status), scenes.layout))
     begin = Interim(lanes, np.zeros(lanes.status.shape, np.int32), np.bool_(False))
-    end, states = sampled_in_calls(block, begin, stretch, SAMPLES_PER_BLOCK, pace, tick)
+    end, states = in_calls(block, begin, stretch.samples, SAMPLES_PER_BLOCK, pace, steps_done)
     return SampledMarch(end.lanes, states)
-
-
-def sampled_in_calls(
-    block: Callable[[Any, CallLimits], tuple[Any, Any, Tree]],
-    interim: Any,
-    stretch: Stretch,
-    most: int,
-    pace: CallPace,
-    tick: Callable[[int], None],
-) -> tuple[Any, Tree]:
-    """March over a stretch in calls to the device that are short.
-
-    Args:
-        block: A call: what lies between two calls, how many samples have ended, and samples (leading axis, then the
-            lanes), of which further ones are meaningless.
-        interim: What lies before the first call.
-        stretch: The stretch.
-        most: The samples of a call at most.
-        pace: How much a call does.
-        tick: Called with the number of further steps.
-
-    Returns:
-        What lies after the last call, and the samples (lanes, samples, ...).
-    """
-    blocks = []
-    done = 0
-    while done < stretch.samples:
-
-        def call(passes: np.int32, left: int = stretch.samples - done, interim: Any = interim) -> Any:
-            after, ended, samples = block(interim, CallLimits(jnp.int32(min(left, most)), jnp.asarray(passes)))
-            return after, int(ended), samples
-
-        interim, ended, samples = pace.timed(call, lambda result, left=stretch.samples - done: result[1] < left)
-        blocks.append(jax.tree.map(lambda a, n=ended: np.moveaxis(np.asarray(a)[:n], 0, 1), samples))
-        done += ended
-        tick(ended * stretch.apart)
-    return interim, jax.tree.map(lambda *a: np.concatenate(a, axis=1), *blocks)
 
 
 @compiled("method", "each", "forces")
@@ -177,20 +149,13 @@ def _block_of_samples(
     model, period = lane_models(scenes)
     grids = clock.grids(period)
 
-    def one(carry, i):
-        (lanes, stops, inside), passes = carry
-        on = (i < limits.most) & (passes > 0)
-        stops = jnp.where(on & ~inside, lanes.step + every, stops)
-        lanes, passes = march(lanes, Fixed(model, grids, jnp.where(on, stops, 0)), method, each, passes=passes)
-        over = on & ~jnp.any(running(lanes, stops))
+    def end(lanes, _, over):
         sample = sampled(lanes.state, lanes.status, turns_of(lanes, grids), model, each, forces)
         step = jnp.where(over, lanes.step % clock.steps, lanes.step)
-        lanes = eqx.tree_at(lambda lane: lane.step, lanes, step)
-        return (Interim(lanes, stops, (on | inside) & ~over), passes), (sample, over)
+        return eqx.tree_at(lambda lane: lane.step, lanes, step), sample
 
-    first = begin._replace(lanes=lanes_last(begin.lanes)), limits.passes
-    (end, _), (samples, over) = lax.scan(one, first, jnp.arange(SAMPLES_PER_BLOCK, dtype=jnp.int32))
-    return end._replace(lanes=lanes_first(end.lanes)), jnp.sum(over, dtype=jnp.int32), samples
+    part = Part(lambda lanes: (lanes, lanes.step + every), lambda stops: stops, end)
+    return marched_block(part, begin, (model, grids), limits, SAMPLES_PER_BLOCK, method, each)
 
 
 def march_by_trials(

@@ -16,13 +16,13 @@ from jaxshroud.linear.load_path import start_equilibria
 from jaxshroud.march.event import GuardEvaluation, any_of, first_kind, present
 from jaxshroud.march.events import transition
 from jaxshroud.march.locate import select
-from jaxshroud.model.arithmetic import ZERO, filled, is_unrolled
+from jaxshroud.model.arithmetic import ZERO, Unrolled, filled, is_unrolled
 from jaxshroud.model.blade import ModalMotion
 from jaxshroud.model.linear_system import moving_shapes, shroud_statics
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode, points_last
-from jaxshroud.model.prepared import Model, State, as_pairs
-from jaxshroud.model.row import at_only_interface
+from jaxshroud.model.prepared import Model, State
+from jaxshroud.model.row import RowModel, at_interface, at_only_interface
 from jaxshroud.scene.checks import InputError, Precision
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.modes import ModalBlades
@@ -116,19 +116,25 @@ def given_states(states: State, scenes: Scene, precision: Precision) -> State:
     return State(own_motion(precise.motion, scenes), precise.u_s, precise.mode, precise.case)
 
 
-def carried_state(state: State, model: Model) -> State:
-    """A user's state in the form that compiled loops carry."""
+def carried_state(state: State, model: RowModel) -> State:
+    """A user's state, or those of lanes along a last axis, in the form that compiled loops carry."""
+    parts, law = model.parts, at_only_interface(model.interfaces.law)
+    u_s, mode = state.u_s, state.mode
 
-    def keep(name, pair):
-        return tuple(pair[i] if model.parts.has(name, i) else ZERO for i in (0, 1))
+    def along(name: str, numbers: Any) -> Any:
+        if not parts.has(name, 0):
+            return ZERO
+        return Unrolled(numbers[0], numbers[1] if parts.has(name, 1) else ZERO) if model.is_pair else numbers
 
-    motion = as_pairs(state.motion)
+    motion = state.motion
     if isinstance(motion, Motion):
-        motion = Motion(**{name: keep(name.removeprefix("v_"), pair) for name, pair in motion._asdict().items()})
+        motion = Motion(**{name: along(name.removeprefix("v_"), a) for name, a in motion._asdict().items()})
     else:
-        motion = ModalMotion._make(tuple(keep("x", pair) for pair in numbers) for numbers in motion)
-    u_s = model.law.carried_slider(state.u_s, state.mode)
-    return State(motion, u_s, model.law.carried_mode(state.mode), state.case)
+        motion = ModalMotion._make(tuple(along("x", a) for a in numbers) for numbers in motion)
+    if law.has_points and not model.is_pair and not isinstance(mode, tuple):
+        u_s, mode = (jnp.moveaxis(a, 1, 0) for a in (u_s, mode))  # the axis of points first
+    contact = law.carried_slider(u_s, mode), law.carried_mode(mode), state.case
+    return State(motion, *(at_interface(contact) if model.is_pair else contact))
 
 
 def on_last_axis(tree: Any) -> Any:
@@ -143,21 +149,16 @@ def on_last_axis(tree: Any) -> Any:
     return jax.tree.map(along, tree, is_leaf=is_unrolled)
 
 
-def with_zeros(state: State) -> State:
-    """States, as compiled loops carry them, with zeros for absent numbers."""
+def users_state(state: State) -> State:
+    """States of lanes (leading axis), as compiled loops carry them, in the form that users know."""
     z = state.motion
     real = jax.tree.leaves(z)[0].dtype
-    first = z.q[0] if isinstance(z, ModalMotion) else z.x
     u_s = filled(state.u_s, jax.tree.map(lambda case: case.astype(real), state.case))
     if isinstance(state.mode, tuple) and not isinstance(u_s, tuple):
         u_s = tuple(u_s for _ in state.mode)  # one zero stands for all points
-    return State(filled(z, first), u_s, state.mode, state.case)
-
-
-def without_unrolled_axes(state: State) -> State:
-    """The states of pairs in the form that users know, from that of compiled loops."""
-    u_s, mode, case = at_only_interface((state.u_s, state.mode, state.case))
-    return State(on_last_axis(state.motion), points_last(u_s), points_last(mode), case)
+    motion = on_last_axis(filled(z, z.q[0] if isinstance(z, ModalMotion) else z.x))
+    u_s, mode, case = at_only_interface((u_s, state.mode, state.case))
+    return State(motion, points_last(u_s), points_last(mode), case)
 
 
 def motion_rows(motion: Motion) -> np.ndarray:
@@ -167,11 +168,7 @@ def motion_rows(motion: Motion) -> np.ndarray:
 
 def final_states(state: State) -> State:
     """The final states of a compiled loop as initial states for users; of blades by modes with their coordinates."""
-    state = with_zeros(state)
-    if is_unrolled(state.case):
-        state = without_unrolled_axes(state)
-    whole = State(state.motion, points_last(state.u_s), points_last(state.mode), state.case)
-    return jax.tree.map(np.asarray, whole)
+    return jax.tree.map(np.asarray, users_state(state))
 
 
 def shroud_motion(motion: Any, scenes: Scene) -> Motion:
@@ -244,7 +241,7 @@ def next_at_start(state: State, start: State, view: GuardEvaluation, model: Mode
     """The state after the next event at the instant of a `start` apart, if its guards show one; its motion is kept."""
     violated = {kind: view.guards.value[kind] > 0 for kind in present(view.guards.value)}
     zero = jnp.zeros_like(view.at.v)
-    after = transition(state.motion, state, view, first_kind(violated), zero, zero, model).after
+    after = transition(state, view, first_kind(violated), zero, zero, model).after
     fires = any_of(violated.values()) & (interface_mode(start.mode) == Mode.APART)
     u_s, mode, case = select(fires, (after.u_s, after.mode, after.case), (state.u_s, state.mode, state.case))
     return State(state.motion, u_s, mode, case)

@@ -20,7 +20,9 @@ from jaxshroud.batch.periods import (
     Sample,
     at_start_of_period,
     first_passes,
+    in_calls,
     lanes_per_call,
+    part_done,
     run_block,
     sample_of_users,
 )
@@ -140,30 +142,16 @@ def run_periods(
     Returns:
         The lanes at the end, and their samples, see `Runs`.
     """
-    blocks: list[Sample] = []
-    interim = at_start_of_period(lanes)
-    done, reported = 0, 0.0
-    while done < n:
 
-        def call(passes: np.int32, left: int = n - done, interim: Interim = interim) -> tuple[Interim, int, Any]:
-            limits = CallLimits(jnp.int32(min(left, PERIODS_PER_CALL)), jnp.asarray(passes))
-            end, ended, samples = run_block(scenes, interim, clock, limits, method, PERIODS_PER_CALL, best_mapping())
-            return end, int(ended), samples
+    def call(interim: Interim, limits: CallLimits) -> tuple[Interim, Any, Any]:
+        end, ended, samples = run_block(scenes, interim, clock, limits, method, PERIODS_PER_CALL, best_mapping())
+        return end, ended, jax.tree.map(in_float64, sample_of_users(samples)) if keep else None
 
-        interim, ended, samples = pace.timed(call, lambda result: result[0].inside)
-        if keep and ended:
-            blocks.append(jax.tree.map(lambda a, n=ended: in_float64(a)[:n].swapaxes(0, 1), sample_of_users(samples)))
-        done += ended
-        now = done + (_part_of_period(interim.lanes, clock) if interim.inside else 0.0)
-        tick(now - reported)
-        reported = now
-    return interim.lanes, jax.tree.map(lambda *a: np.concatenate(a, axis=1), *blocks) if blocks else None
+    def part(interim: Interim) -> float:
+        return part_done(interim.lanes, clock.steps)
 
-
-def _part_of_period(lanes: Any, clock: Clock) -> float:
-    """The part of a period that lanes have marched, on average; those that have stopped need no more."""
-    part = np.where(np.asarray(lanes.status) == Status.OK, np.asarray(lanes.step) / int(clock.steps), 1.0)
-    return float(np.mean(part))
+    interim, samples = in_calls(call, at_start_of_period(lanes), n, PERIODS_PER_CALL, pace, tick, part)
+    return interim.lanes, samples
 
 
 def in_float64(a) -> np.ndarray:

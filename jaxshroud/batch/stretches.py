@@ -14,6 +14,7 @@ from jaxshroud.batch.lanes import Sampled
 from jaxshroud.batch.sampling import EventStates, SampledMarch, SampleGrid, Stretch, concatenated_events
 from jaxshroud.batch.states import final_states, shroud_motion
 from jaxshroud.march.accumulator import ContactTimes
+from jaxshroud.march.locate import HermiteCubic
 from jaxshroud.model.arithmetic import ZERO, is_zero
 from jaxshroud.model.contact_law import ContactLoads
 from jaxshroud.model.modes import Mode
@@ -32,19 +33,15 @@ def cubic_mean(q: Any, rate: Any, h: Any) -> Any:
     return (trapezoid + h[:, 0] / 12 * (rate[:, 0] - rate[:, -1])) / intervals
 
 
-def hermite_coefficients(g_0: Any, g_1: Any, m_0: Any, m_1: Any) -> tuple[Any, Any]:
-    """The coefficients of s^2 and s^3 of cubics on [0, 1] with values `g` and slopes `m` at the ends."""
-    return 3 * (g_1 - g_0) - 2 * m_0 - m_1, m_0 + m_1 - 2 * (g_1 - g_0)
-
-
 def hermite_largest(q: Any, slope: Any) -> Any:
     """The largest value of the cubics through samples (lanes, n, columns) with these slopes per interval."""
     like: Any = np if isinstance(q, np.ndarray) else jnp
     (g_0, g_1), (m_0, m_1) = ((a[:, :-1], a[:, 1:]) for a in (q, slope))
-    b, c = hermite_coefficients(g_0, g_1, m_0, m_1)
+    cubic = HermiteCubic(g_0, g_1, m_0, m_1)
+    _, b, c = cubic.coefficients
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         s = m_0 / (like.sqrt(b * b - 3 * m_0 * c) - b)
-    top = g_0 + s * (m_0 + s * (b + s * c))
+    top = cubic(s)
     return like.maximum(q.max(axis=1), like.where((s > 0) & (s < 1), top, -np.inf).max(axis=1))
 
 

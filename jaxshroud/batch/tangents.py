@@ -18,7 +18,7 @@ from jaxshroud.batch.duals import Dual, with_tangent
 from jaxshroud.batch.flows import begin_flows, end_flows, flow_with_tangents, lanes_per_flow
 from jaxshroud.batch.limits import CallPace, check_memory
 from jaxshroud.batch.marches import require_march
-from jaxshroud.batch.periods import CallLimits, first_passes
+from jaxshroud.batch.periods import CallLimits, first_passes, in_calls, part_done
 from jaxshroud.batch.plan import Tick
 from jaxshroud.batch.states import (
     from_vector,
@@ -81,30 +81,16 @@ def _run_in_calls(
     if turns is not None:
         counts, lengths = jnp.asarray(np.ceil(steps * turns), jnp.int32), jnp.asarray(turns, omega.dtype)
     flat = np.asarray(method.flat_return, omega.dtype)
-    lanes = begin_flows(scenes, states, method)
+
+    def call(lanes: Dual, limits: CallLimits) -> tuple[Dual, Any, None]:
+        options = {"steps": counts, "flat_return": flat, "turns": lengths, "method": method, "each": best_mapping()}
+        return *flow_with_tangents(scenes, lanes, limits, **options), None
+
+    def part(lanes: Dual) -> float:
+        return part_done(lanes.value, counts)
+
     pace = CallPace(first_passes(len(omega), layout))
-    done, reported = 0, 0.0
-    while done < n:
-
-        def call(passes: np.int32, left: int = n - done, lanes: Dual = lanes) -> tuple[Dual, int]:
-            limits = CallLimits(jnp.int32(left), jnp.asarray(passes))
-            end, ended = flow_with_tangents(
-                scenes,
-                lanes,
-                limits,
-                steps=counts,
-                flat_return=flat,
-                turns=lengths,
-                method=method,
-                each=best_mapping(),
-            )
-            return end, int(ended)
-
-        lanes, ended = pace.timed(call, lambda result, left=n - done: result[1] < left)
-        done += ended
-        now = done + (float(np.mean(lanes.value.step) / np.mean(counts)) if done < n else 0.0)
-        tick(now - reported)
-        reported = now
+    lanes, _ = in_calls(call, begin_flows(scenes, states, method), n, n, pace, tick, part)
     return jax.tree.map(np.asarray, end_flows(scenes, lanes, jnp.int32(n), lengths))
 
 

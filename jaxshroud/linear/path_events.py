@@ -80,7 +80,7 @@ def _events_at(
 ) -> PathEvents:
     """The events at one interface, whose contact the `state` has as a march carries it, with rates by the share."""
     placed = place_contact(state.motion, state, model)
-    view = guards_at(placed, state.motion, torques, state, model)
+    view = guards_at(placed, torques, state, model)
     slips = {rub: is_slipping(contact.mode[m]) for m, (_, rub) in enumerate(events_at_points(model.law))}
 
     def of_points(a: Any) -> Any:
@@ -95,7 +95,6 @@ def _events_at(
             largest = jnp.maximum(*map(jnp.abs, torques))
             least = where(state.case == FLAT, TORQUE_ROUNDING * largest, least)
         after = transition(
-            z=state.motion,
             state=state,
             view=view,
             kind=jnp.int32(kind),

@@ -91,8 +91,7 @@ def _contact_between(q: Any, state: State, model: Model) -> RestingContact:
     natural = natural_case(place, model.block)
     zero, ends = jnp.zeros((), q.dtype), jnp.zeros(2, q.dtype)
     if touches_at_corners(model):
-        loaded = loaded_contact(at, now.motion, now, now.case, model)
-        ends = jnp.stack([*torques_along_face(zero, loaded.forces, at, now, model)])
+        ends = jnp.stack([*torques_along_face(zero, loaded_contact(now, model).forces, at, now, model)])
     return RestingContact(
         load,
         load_q,
@@ -126,9 +125,8 @@ class _OfPoints(NamedTuple):
 def _loads(q: Any, state: State, model: Model) -> tuple[Any, _OfPoints]:
     """The force on each coordinate, and what there is at each point."""
     now = resting_state(q, state, model)
-    place = pose(now.motion.x, now.motion.y, now.motion.theta)
-    at = contact_kinematics(place, now.case, model.block, model.reading)
-    forces, load = loaded_contact(at, now.motion, now, now.case, model)
+    point, forces, load = loaded_contact(now, model)
+    at = point.at
     R_x, R_y, M = filled((load.R_x, load.R_y, load.M), at.v)
     if isinstance(at, FaceKinematics) and isinstance(forces, SummedForces):
         of_each = [own.N for own in forces.points], [own.F for own in forces.points]

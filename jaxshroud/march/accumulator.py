@@ -1,6 +1,5 @@
 """The accumulator of a lane: the integrals of its motion, its counts of events and its extremes so far."""
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -8,14 +7,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.march.events import HEIGHT, LIFT, RUB, TURN, happens, model_events
+from jaxshroud.march.events import HEIGHT, TURN, happens, model_events
 from jaxshroud.march.observable import Ending
 from jaxshroud.model.arithmetic import ZERO, Scalar, Zero, is_zero
 from jaxshroud.model.geometry import is_upper
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model
 from jaxshroud.model.rhs import Integrals, Means
-from jaxshroud.scene.keys import Motion
 
 EventCount = Int[Array, "..."] | Zero
 
@@ -38,55 +36,47 @@ class Counters(eqx.Module):
 
 
 def count_event(counters: Counters, ending: Ending) -> Counters:
-    """The `counters` with the transition added in which a trial ended, if it did."""
+    """The `counters` with the transition added in which a trial ended, if it did: of all points, and of the case."""
     transition, fired, inside = ending
-    if isinstance(transition.before.mode, tuple):
-        return _count_at_points(counters, ending)
-    kind, mode, before = transition.kind, transition.after.mode, transition.before.mode
-    onset = happens(kind, LIFT) & (before == Mode.APART)
-    rub = happens(kind, RUB)
+    kind, case, previous = transition.kind, transition.after.case, transition.before.case
+    modes = [mode if isinstance(mode, tuple) else (mode,) for mode in (transition.before.mode, transition.after.mode)]
     turn, height = happens(kind, TURN), happens(kind, HEIGHT)
-    case, previous = transition.after.case, transition.before.case
     onset_flat, end_flat = (case == FLAT) & (previous != FLAT), (previous == FLAT) & (turn | height)
     outer = (case == 1) | (case == 4)
     corners = ~onset_flat & ~end_flat
-    occurred = dict(
-        onset_slip=onset & (mode != Mode.STICK),
-        onset_stick=onset & (mode == Mode.STICK),
-        separation=happens(kind, LIFT) & (before != Mode.APART),
-        stick_slip=rub & (before == Mode.STICK),
-        slip_stick=rub & (before != Mode.STICK),
-        switch_14=turn & corners & outer,
-        switch_23=turn & corners & ~outer,
-        switch_12=height & corners & is_upper(case),
-        switch_34=height & corners & ~is_upper(case),
-        flat=onset_flat,
-        flat_corner=end_flat,
-        grazing=onset & inside,
-    )
-    counts = ((name, getattr(counters, name), now) for name, now in occurred.items())
-    return Counters(**{name: n + (now & fired).astype(jnp.int32) if not is_zero(n) else n for name, n, now in counts})
-
-
-def _count_at_points(counters: Counters, ending: Ending) -> Counters:
-    """`count_event` of several points: the sums over all of them."""
-    transition, fired, inside = ending
-    counted = dict.fromkeys(Counters.__annotations__, 0)
-    for before, after in zip(transition.before.mode, transition.after.mode, strict=True):
-        onset = fired & (before == Mode.APART) & (after != Mode.APART)
-        stick = after == Mode.STICK
-        held, slid = fired & (before == Mode.STICK), fired & (before != Mode.APART) & (before != Mode.STICK)
-        occurred = dict(
-            onset_slip=onset & ~stick,
-            onset_stick=onset & stick,
-            separation=fired & (before != Mode.APART) & (after == Mode.APART),
-            stick_slip=held & (after != Mode.APART) & ~stick,
-            slip_stick=slid & stick,
-            grazing=onset & inside,
+    occurred = [
+        dict(
+            switch_14=turn & corners & outer,
+            switch_23=turn & corners & ~outer,
+            switch_12=height & corners & is_upper(case),
+            switch_34=height & corners & ~is_upper(case),
+            flat=onset_flat,
+            flat_corner=end_flat,
         )
-        counted |= {name: counted[name] + now.astype(jnp.int32) for name, now in occurred.items()}
-    counts = {name: getattr(counters, name) for name in counted}
-    return Counters(**{name: n if is_zero(n) else n + counted[name] for name, n in counts.items()})
+    ]
+    for before, after in zip(*modes, strict=True):
+        touched, touches, stuck, sticks = (
+            before != Mode.APART,
+            after != Mode.APART,
+            before == Mode.STICK,
+            after == Mode.STICK,
+        )
+        onset = ~touched & touches
+        occurred.append(
+            dict(
+                onset_slip=onset & ~sticks,
+                onset_stick=onset & sticks,
+                separation=touched & ~touches,
+                stick_slip=stuck & touches & ~sticks,
+                slip_stick=touched & ~stuck & sticks,
+                grazing=onset & inside,
+            )
+        )
+    counts = {name: getattr(counters, name) for name in Counters.__annotations__}
+    for name, now in (pair for happened in occurred for pair in happened.items()):
+        if not is_zero(counts[name]):
+            counts[name] = counts[name] + (now & fired).astype(jnp.int32)
+    return Counters(**counts)
 
 
 def no_events(model: Model, zero: Int[Array, "..."]) -> Counters:
@@ -209,15 +199,14 @@ def half_position(at: Means) -> Means:
     return jax.tree.map(lambda a: a / 2, at)
 
 
-def mean_position(accumulator: Accumulator, end: Motion, period: Any, steps: Any, at: Callable[[Motion], Means]) -> Any:
+def mean_position(accumulator: Accumulator, end: Means, period: Any, steps: Any) -> Any:
     """The mean of the position over a drive period, from the accumulator of that period; None where it is not kept.
 
     Args:
         accumulator: That of a lane or of a row.
-        end: The motion at the end of the period.
+        end: The position at the end of the period.
         period: Its length [s].
         steps: The number of steps in it, of equal length.
-        at: The position of a motion.
 
     Source:
         The trapezoidal rule, which on a whole orbit is as accurate as the motion is smooth: what is left stems from the
@@ -226,7 +215,7 @@ def mean_position(accumulator: Accumulator, end: Motion, period: Any, steps: Any
     sums = None if accumulator.log is None else accumulator.log.positions
     if sums is None:
         return jax.tree.map(lambda a: a / jax.lax.broadcast_to_rank(period, a.ndim), accumulator.integrals.means)
-    return jax.tree.map(lambda total, half: (total - half) / steps, sums, half_position(at(end)))
+    return jax.tree.map(lambda total, half: (total - half) / steps, sums, half_position(end))
 
 
 def watched_of(z: Any) -> tuple[Any, ...]:

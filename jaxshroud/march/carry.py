@@ -1,7 +1,6 @@
 """The state that a lane, a pair or a row of blades, carries through the march, and its constants.
 
-Within a step it carries the search for an event, from trial to trial. What an event changes in the state is here
-too; for the axes of rows see `model.row`.
+Within a step it carries the search for an event, from trial to trial. For the axes of rows see `model.row`.
 """
 
 from collections.abc import Callable
@@ -12,27 +11,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxshroud.march.accumulator import Accumulator, EnergyJumps, EventMargins
-from jaxshroud.march.event import Events, GuardEvaluation, Guards, any_of, case_switches
-from jaxshroud.march.events import (
-    BUILT_IN_EVENTS,
-    EVENTS,
-    FLAT_PART,
-    LIFT,
-    TURN,
-    Transition,
-    happens,
-    transition,
-)
+from jaxshroud.march.accumulator import Accumulator
+from jaxshroud.march.event import Guards
+from jaxshroud.march.events import FLAT_PART
 from jaxshroud.march.method import FLAT_RETURN, Choices
 from jaxshroud.march.method_names import Locate
-from jaxshroud.march.observable import Lift
-from jaxshroud.model.arithmetic import Scalar, where
-from jaxshroud.model.contact_law import starts_in_overlap
-from jaxshroud.model.modes import FLAT, Mode, Status
-from jaxshroud.model.points_contact import interface_mode
-from jaxshroud.model.prepared import Model, State, touches_at_corners
-from jaxshroud.scene.keys import Motion
+from jaxshroud.model.arithmetic import Scalar, is_unrolled, where
+from jaxshroud.model.modes import Status
+from jaxshroud.model.prepared import State
 
 MAX_EVENTS_PER_STEP = 64  # more is Zeno behaviour: regular scenes have a few per *period*
 NEGLIGIBLE_REST = {8: 1e-12, 4: 1e-6}  # of a step, by the bytes of a number: a shorter rest is dropped
@@ -40,6 +26,11 @@ NEGLIGIBLE_REST = {8: 1e-12, 4: 1e-6}  # of a step, by the bytes of a number: a 
 LaneTree = Any  # a tree of arrays with a leading lane axis, or a `Dual` of two
 EachLane = Callable[..., Any]  # (f, *trees) -> `f(*trees)` for every lane, of any number of `LaneTree`s
 PerLane = Float[Array, "..."]  # one number for each lane, or one lane's
+
+
+def no_time(state: State) -> PerLane:
+    """A zero for each lane."""
+    return jnp.zeros_like(jax.tree.leaves(state.motion, is_leaf=is_unrolled)[0][0])
 
 
 class TimeGrid(NamedTuple):
@@ -83,7 +74,7 @@ class Target(NamedTuple):
     rate: PerLane
     integral: PerLane
     tries: Int[Array, "..."]
-    place: Int[Array, "..."] | None = None  # the interface of a row; None of a pair
+    place: Int[Array, "..."] | None = None  # the interface; None of what one interface shows
 
 
 class Search(NamedTuple):
@@ -109,16 +100,11 @@ class Search(NamedTuple):
 
 
 def new_search(
-    done: PerLane,
-    length: PerLane,
-    recheck: Bool[Array, "..."],
-    events: Int[Array, "..."],
-    locate: Locate,
-    of_row: bool = False,
+    done: PerLane, length: PerLane, recheck: Bool[Array, "..."], events: Int[Array, "..."], locate: Locate
 ) -> Search:
     """A search without a bracket."""
     zero, no, none = jnp.zeros_like(done), jnp.zeros_like(done, bool), jnp.zeros_like(done, jnp.int32)
-    target = Target(none, zero, zero, zero, none, none if of_row else None) if locate == "cubic" else None
+    target = Target(none, zero, zero, zero, none, none) if locate == "cubic" else None
     return Search(done, length, zero, zero, no, no, no, recheck, events, target)
 
 
@@ -130,9 +116,7 @@ def following_search(
     complete = done >= 1 - NEGLIGIBLE_REST[done.dtype.itemsize]
     done = where(complete, 0.0, done)
     events = where(complete, 0, search.events + fire.astype(jnp.int32))
-    of_row = search.target is not None and search.target.place is not None
-    length = where(recheck, 0.0, 1 - done)
-    after = new_search(done, length, recheck, events, locate, of_row)
+    after = new_search(done, where(recheck, 0.0, 1 - done), recheck, events, locate)
     # a trial that ended at the maximum of a guard leaves it there, where the next trial need not look for it
     after = after._replace(probing=search.probing & ~fire & ~complete, pending=search.pending)
     turns = None if search.turns is None else where(complete, 0, search.turns)
@@ -186,83 +170,3 @@ def updated_lanes(update: Callable[..., Lane], method: Choices, each: EachLane, 
 
     others = each(lambda *args: eqx.tree_at(sums, update(*args), (None,) * 3, is_leaf=lambda a: a is None), *args)
     return eqx.tree_at(sums, others, each(lambda *args: sums(update(*args)), *args), is_leaf=lambda a: a is None)
-
-
-class EventChange(NamedTuple):
-    """The change at an event."""
-
-    view: GuardEvaluation
-    transition: Transition
-    lift: Lift
-    jumps: EnergyJumps  # 0 without an event
-
-
-def change_at(
-    view: GuardEvaluation,
-    z: Motion,
-    start: State,
-    fire: Bool[Array, ""],
-    kind: Int[Array, ""],
-    delay: Scalar,
-    soon: Scalar,
-    model: Model,
-    rocks: Bool[Array, ""] | None = None,
-    events: Events = BUILT_IN_EVENTS,
-) -> EventChange:
-    """The change at the motion `z`, where the event of number `kind` happens if `fire` is true.
-
-    `soon` and `rocks` are as of `transition`.
-    """
-    change = transition(z, start, view, kind, delay, soon, model, rocks, events)
-    lift = fire & _lifts(kind, start, change)
-    apart = interface_mode(start.mode) == Mode.APART
-    jumps = jax.tree.map(lambda a: where(fire, a, 0.0), EnergyJumps(change.energy, change.dropped))
-    onset = lift & apart
-    return EventChange(view, change, Lift(onset, onset & ~starts_in_overlap(view.at, delay), lift & ~apart), jumps)
-
-
-def _lifts(kind: Int[Array, ""], start: State, change: Transition) -> Bool[Array, ""]:
-    """Whether contact begins or ends at an event; of several points at the first or the last one."""
-    if not isinstance(start.mode, tuple):
-        return happens(kind, LIFT)
-    before, after = interface_mode(start.mode), interface_mode(change.after.mode)
-    return (before == Mode.APART) != (after == Mode.APART)
-
-
-def updated_margins(
-    before: EventMargins | None, change: EventChange, fire: Bool[Array, ""], model: Model
-) -> EventMargins | None:
-    """The margins, if they are kept, after a trial that ends in a `change` if `fire` is true."""
-    if before is None:
-        return None
-    turn, rate, slowest = change.transition, change.view.rate, before.slowest_switch
-    if touches_at_corners(model):
-        of_case = any_of(case_switches(turn.kind, EVENTS))
-        switched = fire & of_case & (turn.before.case != FLAT) & (turn.after.case != FLAT)
-        speed = jnp.abs(where(happens(turn.kind, TURN), rate.turn * model.block.a_x, rate.height))
-        slowest = where(switched, jnp.minimum(slowest, speed), slowest)
-    onset = where(change.lift.impact, jnp.minimum(before.slowest_onset, rate.v), before.slowest_onset)
-    return EventMargins(before.events + fire.astype(jnp.int32), onset, slowest)
-
-
-def status_of(turned: Bool[Array, "..."], lost: Bool[Array, "..."], too_many: Bool[Array, "..."]) -> Int[Array, "..."]:
-    """The status where a block has `turned` too far, the motion is not finite, or a step has `too_many` events."""
-    status = where(too_many, Status.TOO_MANY_EVENTS, Status.OK)
-    status = where(turned, Status.ANGLE_OUT_OF_RANGE, status)
-    return where(lost, Status.NOT_FINITE, status).astype(jnp.int32)
-
-
-class InterfaceChange(NamedTuple):
-    """The change of one interface at an event."""
-
-    u_s: Any
-    mode: Int[Array, ""]
-    case: Int[Array, ""]
-    becomes_flat: Bool[Array, ""]
-    turns: Int[Array, ""] | None  # changes of case within this step; None where the blocks do not turn
-    jumped: Bool[Array, ""]  # guards may have jumped
-    springs: Scalar  # energy gained by the contact springs [J]
-    counted: dict[str, Any]  # values of the observables that take the event
-    v: Scalar  # penetration before it [m]
-    margins: EventMargins | None  # None where they are not logged
-    lift: Lift | None  # None where no log asks for it

@@ -65,6 +65,11 @@ class ContactNow:
     flat: Bool[Array, ""]
     model: Model
 
+    @property
+    def crossing(self) -> GuardCrossing:
+        """What the law of contact knows of it."""
+        return GuardCrossing(self.at, self.rate, self.state.u_s, self.state.mode, delay=ZERO)
+
     @cached_property
     def of_corners(self) -> tuple[Guard, Guard]:
         """The guards of the two switches of the case, TURN and HEIGHT. Their rates in flat contact are not known."""

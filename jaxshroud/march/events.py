@@ -23,11 +23,16 @@ times g'' in the rates of theta; the ledger records the energy lost. A smaller s
 Flat contact ends where the torque at one end of the overlap no longer pushes back. There g, g' and g'' all vanish:
 the faces part with the third power of time, and the sign of g means nothing until g exceeds its rounding error. A turn
 as slow as that therefore counts only beyond that error; any other counts at once, see `turn_slack`.
+
+**Faces that touch at several points.** Contact begins and ends, sticks and slips, at each of them, by the first and the
+last of these guards. Points that touch at an instant are crossed one after another, in trials of length zero, after
+each of which all guards of the interface are evaluated again. Contact at a point ends only beyond the rounding of its
+penetration, as slip begins only beyond that of its stretch: points that switch together would else switch forever.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
@@ -43,13 +48,11 @@ from jaxshroud.march.event import (
     any_of,
     next_mode,
 )
-from jaxshroud.march.point_events import LIFT_AT, POINT_EVENTS, RUB_AT
 from jaxshroud.model.arithmetic import ZERO, Scalar, where
 from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.geometry import (
     Kinematics,
     Pose,
-    Rates,
     contact_kinematics,
     contact_rates,
     corner_case,
@@ -60,15 +63,19 @@ from jaxshroud.model.geometry import (
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State, has_torsion, touches_at_corners
-from jaxshroud.model.rhs import EndTorques, parallel_mean, stored_energy
+from jaxshroud.model.rhs import EndTorques
 from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.point_numbers import MAX_POINTS
 
 FLAT_PART = 1 / 24  # of a step: a rocking motion that returns sooner counts as flat contact in any case
 
 
-def _guard_of_lift(now: ContactNow) -> Guard:
-    value, rate = now.model.law.lift_guard(now.at, now.rate, now.apart)
-    return Guard(value, rate)
+def _guard_of_lift(m: int, now: ContactNow) -> Guard:
+    law = now.model.law
+    point = law.crossing_at(m, now.crossing)
+    apart = point.mode == Mode.APART
+    value, rate = law.of_points[m].lift_guard(point.at, point.rate, apart)
+    return Guard(where(apart, value, value - point.at.rounding) if law.has_points else value, rate)
 
 
 def _guard_of_turn(now: ContactNow) -> Guard:
@@ -79,17 +86,22 @@ def _guard_of_height(now: ContactNow) -> Guard:
     return now.of_corners[1]
 
 
-def _guard_of_rub(now: ContactNow) -> Guard:
-    return Guard._make(now.model.law.friction_guard(now.at, now.rate, now.state.u_s, now.state.mode))
+def _guard_of_rub(m: int, now: ContactNow) -> Guard:
+    point = now.model.law.crossing_at(m, now.crossing)
+    return Guard._make(now.model.law.of_points[m].friction_guard(point.at, point.rate, point.u_s, point.mode))
 
 
-def _mode_after_lift(instant: EventInstant) -> Int[Array, ""]:
-    is_apart = instant.state.mode == Mode.APART
-    return where(is_apart, instant.model.law.onset_mode(instant.crossing), jnp.int32(Mode.APART))
+def _mode_after_lift(m: int, instant: EventInstant) -> Any:
+    law = instant.model.law
+    point = law.crossing_at(m, instant.crossing)
+    onset = law.of_points[m].onset_mode(point)
+    return law.with_mode_at(m, instant.state.mode, where(point.mode == Mode.APART, onset, jnp.int32(Mode.APART)))
 
 
-def _mode_after_friction(instant: EventInstant) -> Int[Array, ""]:
-    return instant.model.law.mode_after_rub(instant.crossing)
+def _mode_after_friction(m: int, instant: EventInstant) -> Any:
+    law = instant.model.law
+    mode = law.of_points[m].mode_after_rub(law.crossing_at(m, instant.crossing))
+    return law.with_mode_at(m, instant.state.mode, mode)
 
 
 def _turn_rounding(at: Kinematics) -> Scalar:
@@ -100,23 +112,40 @@ def _jumps_at_onset(model: Model) -> bool:
     return model.law.jumps_at_onset
 
 
-def _has_one_point(model: Model) -> bool:
-    return not model.law.has_points
+def _touches(m: int, of_points: bool, model: Model) -> bool:
+    return model.law.has_points == of_points and m < len(model.law.of_points)
 
 
-def _has_stick(model: Model) -> bool:
-    return model.law.has_stick
+def _rubs(m: int, of_points: bool, model: Model) -> bool:
+    return _touches(m, of_points, model) and model.law.of_points[m].has_stick
 
 
-LIFT = Event(
-    name="lift",
-    label="contact",
-    guard=_guard_of_lift,
-    transition=_mode_after_lift,
-    exists=_has_one_point,
-    forces_jump=_jumps_at_onset,
-    counters=("onset_slip", "separation", "grazing"),
-)
+def _lift(m: int = 0, place: str = "") -> Event:
+    """That contact begins or ends at a corner, or at one of several points."""
+    return Event(
+        name=f"lift{place}",
+        label=f"contact{place}",
+        guard=partial(_guard_of_lift, m),
+        transition=partial(_mode_after_lift, m),
+        exists=partial(_touches, m, bool(place)),
+        forces_jump=_jumps_at_onset,
+        counters=("onset_slip", "separation", "grazing"),
+    )
+
+
+def _rub(m: int = 0, place: str = "") -> Event:
+    """That contact there sticks or slips."""
+    return Event(
+        name=f"rub{place}",
+        label=f"friction{place}",
+        guard=partial(_guard_of_rub, m),
+        transition=partial(_mode_after_friction, m),
+        exists=partial(_rubs, m, bool(place)),
+        counters=("onset_stick", "stick_slip", "slip_stick"),
+    )
+
+
+LIFT, RUB = _lift(), _rub()
 TURN = Event(
     name="turn",
     label="corner pair",
@@ -136,16 +165,9 @@ HEIGHT = Event(
     forces_jump=always,
     counters=("switch_12", "switch_34"),
 )
-RUB = Event(
-    name="rub",
-    label="friction",
-    guard=_guard_of_rub,
-    transition=_mode_after_friction,
-    exists=_has_stick,
-    counters=("onset_stick", "stick_slip", "slip_stick"),
-)
 EVENTS = (LIFT, TURN, HEIGHT, RUB)  # of a corner, in order of precedence
-BUILT_IN_EVENTS = (*EVENTS, *POINT_EVENTS)
+LIFT_AT, RUB_AT = ([of(m, f" at point {m}") for m in range(MAX_POINTS)] for of in (_lift, _rub))
+BUILT_IN_EVENTS = (*EVENTS, *LIFT_AT, *RUB_AT)
 
 
 def number_of(event: Event) -> int:
@@ -171,7 +193,6 @@ def model_events(model: Model) -> list[Event]:
 
 def guards_at(
     placed: tuple[Pose, Any, Kinematics],
-    z: Motion,
     torques: EndTorques,
     state: State,
     model: Model,
@@ -179,9 +200,14 @@ def guards_at(
 ) -> GuardEvaluation:
     """The contact kinematics and the guards of placed blocks under the torques at both ends of their overlap."""
     q, case, at = placed
-    rate = contact_rates(at, z, case, model.reading)
-    guards = guard_values(at, rate, torques, state, case, model, events)
-    return GuardEvaluation(q, at, rate, case, torques, guards)
+    rate = contact_rates(at, state.motion, case, model.reading)
+    apart = interface_mode(state.mode) == Mode.APART
+    now = ContactNow(at, rate, torques, state, case, apart, case == FLAT, model)
+    guards = [event.guard(now) if event.exists(model) else NO_GUARD for event in events]
+    return GuardEvaluation(q, at, rate, case, torques, Guards._make(zip(*guards, strict=True)))
+
+
+NO_GUARD = Guard(ZERO, ZERO)
 
 
 def place_contact(z: Motion, state: State, model: Model) -> tuple[Pose, Any, Kinematics]:
@@ -200,38 +226,16 @@ def _case_at_pose(q: Pose, state: State, model: Model) -> Int[Array, ""]:
     return where(state.mode == Mode.APART, natural_case(q, model.block), state.case)
 
 
-def guard_values(
-    at: Kinematics,
-    rate: Rates,
-    torques: EndTorques,
-    state: State,
-    case: Int[Array, ""],
-    model: Model,
-    events: Events,
-) -> Guards:
-    """The values, the rates and the integrals of the guards that a model has."""
-    apart = interface_mode(state.mode) == Mode.APART
-    now = ContactNow(at, rate, torques, state, case, apart, case == FLAT, model)
-    guards = [event.guard(now) if event.exists(model) else NO_GUARD for event in events]
-    return Guards._make(zip(*guards, strict=True))
-
-
-NO_GUARD = Guard(ZERO, ZERO)
-
-
 class Transition(NamedTuple):
-    """A transition: the state after the event, and the energy that it adds and drops."""
+    """A transition: the state after the event, and the energy that it adds."""
 
-    after: State
-    guards: Guards  # of the mode after it
+    after: State  # with the same motion: `as_flat` of a row lets blocks that become flat on each other turn as one
     energy: Scalar  # jump of the energy in the contact springs [J]
-    dropped: Scalar  # energy of the rocking motion that flat contact ends [J]; absent where the blocks do not turn
     kind: Int[Array, ""]
     before: State
 
 
 def transition(
-    z: Motion,
     state: State,
     view: GuardEvaluation,
     kind: Int[Array, ""],
@@ -241,37 +245,21 @@ def transition(
     rocks: Bool[Array, ""] | None = None,
     events: Events = BUILT_IN_EVENTS,
 ) -> Transition:
-    """The transition of the event of number `kind` at the motion `z`.
+    """The transition of the event of number `kind` in a state.
 
     The guard was crossed at most `delay` [s] ago. Faces whose rocking returns within `soon` [s] become flat.
     `rocks`: the faces are known to turn to and fro within the step, so that their next turn leads into flat contact.
     """
     law = model.law
-    at = view.at
-    unprojected = z
     case = _next_case(state, view, kind, soon, model, rocks) if touches_at_corners(model) else view.case
-    becomes_flat = (case == FLAT) & (state.case != FLAT)
-    if touches_at_corners(model):
-        z = jax.tree.map(lambda parallel, own: where(becomes_flat, parallel, own), _as_parallel(z, model), z)
     new = contact_kinematics(view.q, case, model.block, model.reading)
-
     instant = EventInstant(view, state, delay, model)
     mode = next_mode(kind, instant, events)
-    w = law.stretch_at(at, state.u_s, state.mode)
+    w = law.stretch_at(view.at, state.u_s, state.mode)
     u_s = law.slider_after(instant.crossing, w, mode, new.u)
-    after = State(z, u_s, mode, where(interface_mode(mode) == Mode.APART, 0, case).astype(jnp.int32))
-    guards = guard_values(new, contact_rates(new, z, case, model.reading), view.torques, after, case, model, events)
-    energy = law.energy_at(new, law.stretch_at(new, u_s, mode), mode)
-    energy = energy - law.energy_at(at, w, state.mode)
-    dropped = ZERO
-    if touches_at_corners(model):
-        dropped = where(becomes_flat, stored_energy(unprojected, model) - stored_energy(z, model), 0.0)
-    return Transition(after, guards, energy, dropped, kind, state)
-
-
-def _as_parallel(z: Motion, model: Model) -> Motion:
-    """The motion once both blocks turn as one body; the sum of their angular momenta is kept."""
-    return z._replace(theta=parallel_mean(z.theta, model), v_theta=parallel_mean(z.v_theta, model))
+    after = State(state.motion, u_s, mode, where(interface_mode(mode) == Mode.APART, 0, case).astype(jnp.int32))
+    energy = law.energy_at(new, law.stretch_at(new, u_s, mode), mode) - law.energy_at(view.at, w, state.mode)
+    return Transition(after, energy, kind, state)
 
 
 def _next_case(

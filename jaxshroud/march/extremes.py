@@ -41,24 +41,21 @@ def steepest_slope(cubic: HermiteCubic) -> Scalar:
     return where(bends & (at > 0) & (at < 1), jnp.abs(a + b * at), 0.0)
 
 
-def updated_extrema(before: StepExtrema, trial: InterfaceTrial) -> StepExtrema:
-    """The extremes after a trial step, which may end in an onset."""
+def trial_extrema(trial: InterfaceTrial) -> StepExtrema:
+    """The extremes of a trial step, which may end in an onset."""
     start, z, h, model = trial.start, trial.end, trial.h, trial.model
     apart = interface_mode(start.mode) == Mode.APART
-    onset = trial.lift.onset
     (v_0, rate_0), (v_1, rate_1) = _penetration(start.motion, start, model), _penetration(z, start, model)
     cubic = HermiteCubic(v_0, v_1, rate_0 * h, rate_1 * h)
     s, inside = cubic_maximum(cubic)
     top = cubic(s)
     deepest = where(inside, jnp.maximum(top, v_1), v_1)
-    missed = apart & inside & (top < 0)
     between = steepest_slope(cubic) / where(h > 0, h, jnp.inf)
-    fastest = jnp.maximum(between, jnp.maximum(jnp.abs(rate_0), jnp.abs(rate_1)))
     return StepExtrema(
-        where(apart, before.v_max, jnp.maximum(before.v_max, deepest)),
-        jnp.maximum(before.fastest, fastest),
-        where(onset, jnp.minimum(before.slowest_onset, rate_1), before.slowest_onset),
-        where(missed, jnp.minimum(before.nearest_miss, -top), before.nearest_miss),
+        v_max=where(apart, 0.0, deepest),
+        fastest=jnp.maximum(between, jnp.maximum(jnp.abs(rate_0), jnp.abs(rate_1))),
+        slowest_onset=where(trial.lift.onset, rate_1, jnp.inf),
+        nearest_miss=where(apart & inside & (top < 0), -top, jnp.inf),
     )
 
 
@@ -78,21 +75,21 @@ class _EndForces(NamedTuple):
     F_rate: Scalar  # absent where it is not known
 
 
-def updated_peaks(before: ContactPeaks, trial: InterfaceTrial) -> ContactPeaks:
-    """The largest forces after a trial step."""
+def trial_peaks(trial: InterfaceTrial) -> ContactPeaks:
+    """The largest forces of a trial step."""
     state, h, model = trial.start, trial.h, trial.model
     a, b = _end_forces(state.motion, state, model), _end_forces(trial.end, state, model)
     deepest = _cubic_peak(HermiteCubic(a.v, b.v, a.v_rate * h, b.v_rate * h))
-    N = jnp.maximum(before.N, model.law.largest_normal_force(deepest, state.mode, (a.N, b.N)))
+    N = model.law.largest_normal_force(deepest, state.mode, (a.N, b.N))
     if is_zero(a.F):
-        return ContactPeaks(N, before.F)
+        return ContactPeaks(N, jnp.zeros_like(N))
     ends = jnp.maximum(jnp.abs(a.F), jnp.abs(b.F))
     if not is_zero(a.F_rate):
         for sign in (1.0, -1.0):
             ends = jnp.maximum(
                 ends, _cubic_peak(HermiteCubic(sign * a.F, sign * b.F, sign * a.F_rate * h, sign * b.F_rate * h))
             )
-    return ContactPeaks(N, jnp.maximum(before.F, where(state.mode == Mode.APART, 0.0, ends)))
+    return ContactPeaks(N, where(state.mode == Mode.APART, 0.0, ends))
 
 
 def closing_speed(trial: InterfaceTrial) -> Scalar:
@@ -100,8 +97,8 @@ def closing_speed(trial: InterfaceTrial) -> Scalar:
     return _penetration(trial.end, trial.start, trial.model)[1]
 
 
-def updated_range(before: DisplacementRange, trial: BladeTrial) -> DisplacementRange:
-    """The range of the displacements after a trial step."""
+def trial_range(trial: BladeTrial) -> DisplacementRange:
+    """The range of the displacements in a trial step."""
     start, z, h = trial.start, trial.end, trial.h
 
     def rates(z):
@@ -113,7 +110,7 @@ def updated_range(before: DisplacementRange, trial: BladeTrial) -> DisplacementR
         return extent_of(a, b, where(turns, cubic(s), b))
 
     ends = watched_of(start), watched_of(z), rates(start), rates(z)
-    return merged_range(before, range_from(jax.tree.map(within, *ends)))
+    return range_from(jax.tree.map(within, *ends))
 
 
 class Extent(NamedTuple):
@@ -144,6 +141,11 @@ def turning_point(cubic: HermiteCubic) -> tuple[Scalar, Bool[Array, ""]]:
     return s, inside & (cubic.m_0 * cubic.m_1 < 0)
 
 
+def merged_peaks(a: ContactPeaks, b: ContactPeaks) -> ContactPeaks:
+    """The largest forces of two intervals of time taken together."""
+    return jax.tree.map(jnp.maximum, a, b)
+
+
 def merged_range(a: DisplacementRange, b: DisplacementRange) -> DisplacementRange:
     """The range of two intervals of time taken together."""
     highest = jax.tree.map(jnp.maximum, a.highest, b.highest)
@@ -159,7 +161,7 @@ def _cubic_peak(cubic: HermiteCubic) -> Scalar:
 def _end_forces(z: Motion, state: State, model: Model) -> _EndForces:
     _, case, at = place_contact(z, state, model)
     rate = contact_rates(at, z, case, model.reading)
-    forces = law_forces(at, z, state, case, model)
+    forces = law_forces(at, case, State(z, state.u_s, state.mode, state.case), model)
     return _EndForces(at.v, rate.v, forces.N, forces.F, model.law.friction_rate(rate, state.mode))
 
 

@@ -40,13 +40,13 @@ class PointForces(NamedTuple):
     v: Any  # [m]
 
 
-def stacked_point_forces(points: Any, zero: Any, axis: int = -1) -> Any:
-    """The forces of points as arrays with an `axis` of points, with `zero` where they have none."""
+def stacked_point_forces(points: Any, zero: Any) -> Any:
+    """The forces of points as arrays with a last axis of points, with `zero` where they have none."""
     if is_zero(points):
         return points
 
     def stacked(numbers):
-        return points_last(tuple(zero if is_zero(a) else a for a in numbers), axis)
+        return points_last(tuple(zero if is_zero(a) else a for a in numbers))
 
     return PointForces._make(map(stacked, points))
 
@@ -56,7 +56,7 @@ def contact_forces_at(
 ) -> ContactForces:
     """The contact forces of placed blocks under known torques, by which flat contact finds its place."""
     _, case, at = placed
-    forces = law_forces(at, state.motion, state, case, model)
+    forces = law_forces(at, case, state, model)
 
     def is_apart():
         return interface_mode(state.mode) == Mode.APART

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Int
 from jaxshroud.march.carry import Search, Target
 from jaxshroud.march.event import Guards, Violated, any_of, present
 from jaxshroud.march.method import Choices
-from jaxshroud.model.arithmetic import Pair, Scalar, is_zero, traced_once, where
+from jaxshroud.model.arithmetic import Pair, Scalar, any_along, is_place, is_zero, traced_once, where
 from jaxshroud.scene.typed import Tree
 
 
@@ -61,18 +61,18 @@ class LocationDecision(NamedTuple):
 class HermiteCubic(NamedTuple):
     """A cubic on [0, 1] in Hermite form: its values and its slopes at the ends."""
 
-    g_0: Scalar
-    g_1: Scalar
-    m_0: Scalar
-    m_1: Scalar
+    g_0: Any
+    g_1: Any
+    m_0: Any
+    m_1: Any
 
-    def __call__(self, s: Scalar) -> Scalar:
+    def __call__(self, s: Any) -> Any:
         """The value at `s`."""
         _, b, c = self.coefficients
         return self.g_0 + s * (self.m_0 + s * (b + s * c))
 
     @property
-    def coefficients(self) -> tuple[Scalar, Scalar, Scalar]:
+    def coefficients(self) -> tuple[Any, Any, Any]:
         """The coefficients of s, s^2 and s^3."""
         rise = self.g_1 - self.g_0
         return self.m_0, 3 * rise - 2 * self.m_0 - self.m_1, self.m_0 + self.m_1 - 2 * rise
@@ -149,21 +149,26 @@ def event_tolerance(jumps: Bool[Array, ""], method: Choices, dtype) -> Scalar:
 
 
 class TrialOutcome(NamedTuple):
-    """What a trial has shown of the events that are searched for, of a pair or of a row."""
+    """What a trial has shown of the events that are searched for, over all interfaces."""
 
-    hit: Bool[Array, ""]  # a guard is violated
-    jumps: Bool[Array, ""]  # the forces jump at it
-    exact: Bool[Array, ""]  # it is zero to rounding, and no other is violated
+    hits: Int[Array, ""]  # number of interfaces where a guard is violated
+    jumps: Bool[Array, ""]  # the forces jump at one of them
+    exact: Bool[Array, ""]  # all of their guards are zero to rounding, and no other is violated there
     top: Scalar  # the fraction of the trial at which a guard seems to be above zero; 1 if there is none
-    target: Target | None  # the guard that was crossed first, else the previous target; None without cubics,
-    low: Guards | None  # as the guards where the target is, at the lower end of the bracket or the start of the trial
+    crossed: Target  # the guard that was crossed first, at its place or that of the previous target
+    low: Guards  # at this interface, at the lower end of the bracket or the start of the trial
 
 
-def judge_trial(search: Search, outcome: TrialOutcome, h: Scalar, method: Choices) -> LocationDecision:
-    """Decide on a trial with such an `outcome`, of a pair or of a row; `h` is the length of a whole step [s]."""
-    hit = outcome.hit
+def judge_trial(
+    search: Search, outcome: TrialOutcome, active: Bool[Array, ""], h: Scalar, method: Choices
+) -> LocationDecision:
+    """Decide on a trial with such an `outcome`; `h` is the length of a whole step [s].
+
+    The search of a lane that is not `active` goes on as it is.
+    """
+    hit = outcome.hits > 0
     if method.locate == "none":
-        return LocationDecision(jnp.ones_like(hit), hit, jnp.zeros_like(hit), search.length * h, search)
+        return LocationDecision(active, hit & active, jnp.zeros_like(hit), search.length * h, search)
     finest = event_tolerance(jnp.ones_like(hit), method, h.dtype)
     # within a shorter trial a maximum would be looked for again and again, as the clock does not move
     seen = search.length > finest
@@ -172,17 +177,19 @@ def judge_trial(search: Search, outcome: TrialOutcome, h: Scalar, method: Choice
     high = where(hit, search.length, search.high)
     below = where(move_low, search.length, search.low)
     tolerance = event_tolerance(outcome.jumps, method, high.dtype)
-    target = outcome.target
-    low = outcome.low
+    target = search.target
     next_end = (below + high) / 2
-    if target is None or low is None:
+    if target is None:
         delay = high - below
     else:
+        crossed = outcome.crossed
+        target = select(hit, crossed._replace(tries=target.tries), target._replace(place=crossed.place))
         target = target._replace(tries=where(hit | search.bracketing, target.tries + 1, 0))
-        by_cubic, delay = next_trial_end(target, low, below, high, h, tolerance)
+        by_cubic, delay = next_trial_end(target, outcome.low, below, high, h, tolerance)
         halve = (target.tries > CUBIC_TRIALS) & (target.tries % 2 == 0)
         next_end = where(halve, next_end, by_cubic)
-    fire = hit & ~probes & ((delay <= tolerance) | outcome.exact)
+    exact = outcome.exact & (outcome.hits == 1)
+    fire = hit & ~probes & ((delay <= tolerance) | exact)
     after = search._replace(
         length=where(probes, outcome.top * search.length, where(high - below <= finest, high, next_end)),
         low=below,
@@ -192,7 +199,20 @@ def judge_trial(search: Search, outcome: TrialOutcome, h: Scalar, method: Choice
         inside=search.inside | (search.probing & hit),
         target=target,
     )
-    return LocationDecision((~bracketing & ~probes) | fire, fire, move_low, delay * h, after)
+    accept = (~bracketing & ~probes) | fire
+    return LocationDecision(accept & active, fire & active, move_low & active, delay * h, select(active, after, search))
+
+
+def one_after_the_other(fires: Any, place: Any, pending: Any, moves: Any) -> tuple[Any, Any, Any]:
+    """Of the events of an instant that at one `place` alone, whether it is at a root, and those that are left.
+
+    Each is the root of its own guard, and moves with it: the trials to those that are left, which are `pending`, have
+    no length, and do not move.
+    """
+    first = fires & is_place(place, fires)
+    waits = ~moves & any_along(first & pending)
+    left = where(any_along(first), fires & (pending | moves) & ~first, pending & ~moves)
+    return first, moves | waits, left
 
 
 def first_crossed(

@@ -1,4 +1,4 @@
-"""What an accepted trial of a pair or of a row leaves: its accumulator, and the lane afterwards.
+"""What an accepted trial leaves: its accumulator, from what happened at its end.
 
 What is logged, and how, stands in `logged`.
 """
@@ -10,11 +10,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.march.accumulator import Accumulator, EnergyJumps, Log
-from jaxshroud.march.carry import Lane, PerLane
+from jaxshroud.march.accumulator import Accumulator, EnergyJumps, EventMargins, Log, no_margins
+from jaxshroud.march.carry import PerLane, no_time
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.extremes import ContactSeries, MotionSeries
-from jaxshroud.march.locate import select
 from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Beginning, BladeTrial, InterfaceTrial, Lift, Observable, Per
@@ -28,11 +27,36 @@ from jaxshroud.model.row import (
     OfInterfaces,
     RowModel,
     alone,
+    of_blades_that_count,
     of_left_blade,
     over,
     pair_states,
 )
 from jaxshroud.scene.keys import Motion
+
+
+class InterfaceChange(NamedTuple):
+    """The change of one interface where a trial ended."""
+
+    u_s: Any
+    mode: Int[Array, ""]
+    case: Int[Array, ""]
+    becomes_flat: Bool[Array, ""]
+    turns: Int[Array, ""] | None  # changes of case within this step; None where they are not counted
+    jumped: Bool[Array, ""]  # guards may have jumped
+    springs: Scalar  # energy gained by the contact springs [J]
+    counted: dict[str, Any]  # values of the observables that take the event
+    v: Scalar  # penetration before it [m]
+    margins: EventMargins | None  # None where they are not logged
+    lift: Lift | None  # None where no log asks for it
+
+
+class RowChange(NamedTuple):
+    """What happens where a trial ended."""
+
+    state: State  # after it: blocks with new flat faces turn as one
+    dropped: PerLane  # energy that these lose [J]
+    at: InterfaceChange  # of each interface
 
 
 class AcceptedTrial(NamedTuple):
@@ -42,48 +66,17 @@ class AcceptedTrial(NamedTuple):
     mode: Int[Array, "..."]  # of each interface during it; of smooth contact, whether the faces touch at its end
     h: PerLane  # its length [s]
     end: Any  # motion at its end, before what happens there
-    after: Any  # motion with which a row goes on, once blocks with flat faces turn as one; of pairs the same as `end`
+    change: RowChange
     v: PerLane | None  # penetration there [m]; by power series the largest within, None with derivatives
-    lift: Lift | None  # of each interface; None where no log of a row asks for it
     gain: Integrals
-    jumps: EnergyJumps | None
     step: Int[Array, "..."]  # in which it was made
     next_step: Int[Array, "..."]  # in which the next one is made
-    events: Any = None  # of a pair the `Ending`, None without events; of a row the values that observables give to it
     by_series: dict[str, Any] | None = None  # see `Observable.of_series`, by names; None for Runge-Kutta methods
 
 
 def mode_of_smooth_contact(v: OfInterfaces) -> CaseOfInterfaces:
     """Whether faces touch, as a mode, at a penetration `v` [m]; smooth contact has no modes of its own."""
     return where(v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS))
-
-
-def lane_after(
-    before: Lane,
-    after: Lane,
-    accept: Bool[Array, "..."],
-    moves_low: Bool[Array, "..."],
-    active: Bool[Array, "..."],
-    repeated: Any,
-) -> Lane:
-    """The lane, or the row, after a trial.
-
-    Args:
-        before: The one before it.
-        after: The one after it if it is accepted; its status is that in any case, of those that are active.
-        accept: Whether it is accepted.
-        moves_low: Whether its end is the new lower end of the bracket, whose guards are kept.
-        active: Whether the lane runs.
-        repeated: The search if the trial is not accepted.
-    """
-    return Lane(
-        select(accept, after.state, before.state),
-        where(accept, after.step, before.step),
-        select(accept, after.search, repeated),
-        None if after.guards is None else select(accept | moves_low, after.guards, before.guards),
-        select(accept, after.accumulator, before.accumulator),
-        where(active, after.status, before.status),
-    )
 
 
 def log_of(values: Mapping[str, Any]) -> Log:
@@ -131,20 +124,29 @@ def new_log(state: State, at: OfInterfaces, model: RowModel, method: Choices, ea
     return log_of({one.name: start(one) for one in observables_of(method)})
 
 
+def new_accumulator(nothing: Integrals, state: State, model: RowModel, method: Choices, each: Each) -> Accumulator:
+    """The accumulator of a row that starts from `state`, with its integrals, which are `nothing` so far."""
+    lanes = no_time(state)
+    at = jax.tree.map(lambda case: jnp.zeros(case.shape, lanes.dtype), state.case)
+    log = None if method.derivative else new_log(state, at, model, method, each)
+    margins = over(each, no_margins, at) if method.margins else None
+    return Accumulator(nothing, EnergyJumps(at, lanes) if method.ledger else None, log, margins)
+
+
 def updated_accumulator(
     accumulator: Accumulator, trial: AcceptedTrial, model: RowModel, method: Choices, each: Each
 ) -> Accumulator:
-    """The accumulator after a trial; margins are kept."""
-    accumulator = accumulator.plus(trial.gain, trial.jumps)
-    if accumulator.log is None:
-        return accumulator
-    return accumulator._replace(log=_updated_log(accumulator.log, trial, model, method, each))
+    """The accumulator after a trial."""
+    change, log = trial.change, accumulator.log
+    accumulator = accumulator.plus(trial.gain, EnergyJumps(change.at.springs, change.dropped))
+    log = None if log is None else _updated_log(log, trial, model, method, each)
+    return accumulator._replace(log=log, margins=change.at.margins)
 
 
 def _updated_log(log: Log, trial: AcceptedTrial, model: RowModel, method: Choices, each: Each) -> Log:
     shroud = model.blades.watched
     observables = observables_of(method)
-    start, end, after = shroud(trial.start.motion), shroud(trial.end), shroud(trial.after)
+    start, end, after = shroud(trial.start.motion), shroud(trial.end), shroud(trial.change.state.motion)
     contact = InterfaceTrial(trial.h, trial.mode, trial.v, trial.mode == Mode.APART)
     blades = BladeTrial(start, end, after, trial.h, trial.step, trial.next_step)
     together = [one for one in observables if one.takes == "all" and not is_unrolled(end.x)]
@@ -157,18 +159,23 @@ def _updated_log(log: Log, trial: AcceptedTrial, model: RowModel, method: Choice
         contact = contact._replace(
             start=pair_states(trial.start, model),
             end=both_sides(end, model.closed),
-            lift=trial.lift,
+            lift=trial.change.at.lift,
             loads=trial.gain.loads,
             model=model.interfaces,
         )
         values |= _updated_each(log, contact, at_interfaces, trial.by_series, each)
-    counted = [one for one in others if one.per == "left blade" and model.is_pair]
+    counted = [one for one in others if one.per == "left blade"]
     if counted:
-        values |= _updated_each(log, of_left_blade(blades), counted, trial.by_series, each)
+        values |= _updated_each(log, of_blades_that_count(blades, model), counted, trial.by_series, each)
     of_blades = [one for one in others if one not in (*at_interfaces, *counted)]
     if of_blades:
         values |= _updated_each(log, blades, of_blades, trial.by_series, each)
-    return log_of(values | trial.events)
+    return log_of(values | trial.change.at.counted)
+
+
+def values_of_events(log: Log | None, method: Choices) -> dict[str, Any]:
+    """The values of the observables that take the event; none where there is no log."""
+    return {} if log is None else {one.name: value_in(log, one.name) for one in takers_of_events(method)}
 
 
 def takers_of_one(per: Per, method: Choices) -> list[Observable]:

@@ -1,5 +1,6 @@
 """The built-in observables: all that is logged along a march beside the integrals, in the order of a `Log`."""
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -25,14 +26,15 @@ from jaxshroud.march.extremes import (
     closing_speed,
     final_closing_speed,
     merged_extrema,
+    merged_peaks,
     merged_range,
     midpoint_magnitudes,
     taylor_extrema,
     taylor_peaks,
     taylor_range,
-    updated_extrema,
-    updated_peaks,
-    updated_range,
+    trial_extrema,
+    trial_peaks,
+    trial_range,
 )
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Beginning, BladeTrial, Ending, InterfaceTrial, Observable, from_zero, lasting
@@ -114,14 +116,17 @@ COUNTERS = Observable(
 )
 
 
+def _merging(merge: Callable[[Any, Any], Any], of_trial: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
+    """An update by what a trial shows: by its power series, or else `of_trial`."""
+
+    def update(before: Any, trial: Any) -> Any:
+        return merge(before, of_trial(trial) if trial.by_series is None else trial.by_series)
+
+    return update
+
+
 def _initial_extrema(at: Beginning) -> StepExtrema:
     return StepExtrema(_deepest(at), at.zero, at.zero + jnp.inf, at.zero + jnp.inf)
-
-
-def _updated_within(before: StepExtrema, trial: InterfaceTrial) -> StepExtrema:
-    if trial.by_series is not None:
-        return merged_extrema(before, trial.by_series)
-    return updated_extrema(before, trial)
 
 
 WITHIN = Observable(
@@ -130,17 +135,11 @@ WITHIN = Observable(
     unit="m, m/s",
     per="interface",
     start=_initial_extrema,
-    update=_updated_within,
+    update=_merging(merged_extrema, trial_extrema),
     reset=lasting,
     of_series=taylor_extrema,
     recorded=lambda method: method.within,
 )
-
-
-def _updated_forces(before: ContactPeaks, trial: InterfaceTrial) -> ContactPeaks:
-    if trial.by_series is not None:
-        return jax.tree.map(jnp.maximum, before, trial.by_series)
-    return updated_peaks(before, trial)
 
 
 FORCES = Observable(
@@ -149,7 +148,7 @@ FORCES = Observable(
     unit="N",
     per="interface",
     start=lambda at: ContactPeaks(at.zero, at.zero),
-    update=_updated_forces,
+    update=_merging(merged_peaks, trial_peaks),
     reset=from_zero,
     of_series=taylor_peaks,
     recorded=lambda method: method.forces,
@@ -191,19 +190,13 @@ def _range_at(z: Motion) -> DisplacementRange:
     return DisplacementRange(watched_of(z), watched_of(z))
 
 
-def _updated_extent(before: DisplacementRange, trial: BladeTrial) -> DisplacementRange:
-    if trial.by_series is not None:
-        return merged_range(before, trial.by_series)
-    return updated_range(before, trial)
-
-
 EXTENT = Observable(
     name="extent",
     label="range of x, y and theta inside trials",
     unit="m, rad",
     per="blade",
     start=lambda at: _range_at(at.motion),
-    update=_updated_extent,
+    update=_merging(merged_range, trial_range),
     reset=lambda _, z: _range_at(z),
     of_series=taylor_range,
     recorded=lambda method: method.amplitudes,

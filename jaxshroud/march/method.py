@@ -172,7 +172,13 @@ def steps_argument(steps: Any) -> StepCount | None:
     return int(steps)
 
 
-class RungeKutta(eqx.Module):
+class _Replaceable(eqx.Module):
+    def replace(self, **changes: Any) -> Any:
+        """The same method with some of its arguments replaced."""
+        return type(self)(**vars(self) | changes)
+
+
+class RungeKutta(_Replaceable):
     """A march in steps of equal length by a Runge-Kutta method, with events located inside the steps.
 
     Args:
@@ -215,16 +221,11 @@ class RungeKutta(eqx.Module):
         self.locate, self.precision = locate, precision
         self.flat_return = flat_return_argument(flat_return)
 
-    def replace(self, **changes: Any) -> "RungeKutta":
-        """The same method with some of its arguments replaced."""
-        names = ("tableau", "steps", "locate", "precision", "flat_return")
-        return RungeKutta(**{name: getattr(self, name) for name in names} | changes)
-
     def __str__(self) -> str:
         return in_words(self)
 
 
-class Taylor(eqx.Module):
+class Taylor(_Replaceable):
     """A march by power series, in steps as long as their tolerance allows; their roots locate the events.
 
     Args:
@@ -266,11 +267,6 @@ class Taylor(eqx.Module):
         self.steps = steps_argument(steps)
         self.precision = precision
         self.flat_return = flat_return_argument(flat_return)
-
-    def replace(self, **changes: Any) -> "Taylor":
-        """The same method with some of its arguments replaced."""
-        names = ("order", "tolerance", "steps", "precision", "flat_return")
-        return Taylor(**{name: getattr(self, name) for name in names} | changes)
 
     def __str__(self) -> str:
         return in_words(self)
@@ -317,11 +313,8 @@ def method_of(steps: StepCount, chosen: Choices) -> Method:
 
 def method_as_json(method: Method) -> str:
     """A method as files hold it; of a tableau of the user's own they hold the name alone."""
-    shared = {"steps": method.steps, "precision": method.precision, "flat_return": method.flat_return}
-    if isinstance(method, Taylor):
-        numbers = {"order": method.order, "tolerance": method.tolerance}
-        return json.dumps({"tableau": "taylor", **numbers, **shared})
-    return json.dumps({"tableau": method.tableau.name, "locate": method.locate, **shared})
+    name = "taylor" if isinstance(method, Taylor) else method.tableau.name
+    return json.dumps({"tableau": name, **{key: value for key, value in vars(method).items() if key != "tableau"}})
 
 
 def method_from_json(text: str) -> Method:

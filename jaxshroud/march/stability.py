@@ -223,13 +223,7 @@ def steps_for(scenes: Scene, batch_dims: int, steps: StepCount, method: Tableau 
         return _auto_steps(_fastest(scenes, batch_dims), method)
     count_argument("steps_per_period", steps, 1)
     step_report(*stiffest(scenes, batch_dims), steps, method)
-    _check_relaxation(_fastest(scenes, batch_dims), steps)
-    count_argument("steps_per_period", steps, MIN_STEPS)
-    return steps
-
-
-def _check_relaxation(of: "_Fastest", steps: int) -> None:
-    """Raise StepTooLongError where the internal state of a user friction law relaxes too fast for the step."""
+    of = _fastest(scenes, batch_dims)
     turns = float(np.max(of.relaxation * of.period))
     if turns > MAX_RELAXATION_RATE * steps:
         raise StepTooLongError(
@@ -237,6 +231,8 @@ def _check_relaxation(of: "_Fastest", steps: int) -> None:
             f"{turns / steps:.3g} per step, more than {MAX_RELAXATION_RATE:g}; "
             f"use at least {math.ceil(turns / AUTO_RELAXATION_STEPS)}"
         )
+    count_argument("steps_per_period", steps, MIN_STEPS)
+    return steps
 
 
 def _auto_steps(of: "_Fastest", method: Tableau | TaylorOptions) -> int:
@@ -258,15 +254,8 @@ def _needed_steps(of: "_Fastest", method: Tableau | TaylorOptions) -> np.ndarray
 
 def lanes_that_auto_steps_follow(scenes: Scene) -> np.ndarray:
     """Whether "auto" steps of RK4 follow each lane (leading axis): others have numbers too large, or are too stiff."""
-    count = len(scenes.drive.omega)
-    stiffness, period = jax.tree.map(np.asarray, _batched_stiffness(_bounding_pairs(scenes)))
-    finite = np.isfinite(stiffness.squares).all(axis=(-3, -2, -1)) & np.isfinite(period)
-    lanes = np.flatnonzero(finite)
-    chosen = jax.tree.map(lambda a: a[lanes], stiffness)
-    omega_max, own = _frequencies(chosen, np, np.linalg.eigvalsh)
-    of = _Fastest(omega_max=omega_max, own=own, period=period[lanes], relaxation=chosen.relaxation)
-    finite[lanes] = _needed_steps(of, RK4) < MAX_AUTO_STEPS
-    return finite.reshape(count, -1).all(axis=1)  # of a row: at every interface
+    followed = _needed_steps(_fastest(scenes, 1), RK4) < MAX_AUTO_STEPS
+    return followed.reshape(len(scenes.drive.omega), -1).all(axis=1)  # of a row: at every interface
 
 
 def stiffest(scenes: Scene, batch_dims: int) -> tuple[float, float]:
@@ -285,7 +274,7 @@ def stiffness_ratio(scenes: Scene, batch_dims: int) -> float:
 class _Fastest(NamedTuple):
     """The highest frequencies of each lane of a flat batch, (lanes,)."""
 
-    omega_max: np.ndarray  # largest frequency with contact [rad/s]
+    omega_max: np.ndarray  # largest frequency with contact [rad/s]; NaN where numbers are too large
     own: np.ndarray  # without [rad/s]
     period: np.ndarray  # of the drive [s]
     relaxation: np.ndarray  # see `_Stiffness` [1/s]
@@ -302,7 +291,10 @@ def _fastest(scenes: Scene, batch_dims: int) -> _Fastest:
 
     stiffness, period = _batched_stiffness(_bounding_pairs(jax.tree.map(flat, scenes)))
     stiffness = jax.tree.map(np.asarray, stiffness)
-    omega_max, own = _frequencies(stiffness, np, np.linalg.eigvalsh)
+    finite = np.isfinite(stiffness.squares).all(axis=(-3, -2, -1))
+    squares = np.where(finite[:, None, None, None], stiffness.squares, 0.0)
+    omega_max, own = _frequencies(stiffness._replace(squares=squares), np, np.linalg.eigvalsh)
+    omega_max = np.where(finite, omega_max, np.nan)
     return _Fastest(omega_max=omega_max, own=own, period=np.asarray(period), relaxation=stiffness.relaxation)
 
 

@@ -34,11 +34,10 @@ from jaxshroud.model.arithmetic import (
 )
 from jaxshroud.model.blade import AnyBlade
 from jaxshroud.model.contact_law import linear_laws
-from jaxshroud.model.coupling import SUFFIXES
 from jaxshroud.model.geometry import FaceKinematics, rotation
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, touches_at_corners
-from jaxshroud.model.rhs import EndTorques, Placement, Recorded, placement, torques_along_face
+from jaxshroud.model.rhs import EndTorques, LoadedContact, Recorded, loaded_contact, torques_along_face
 from jaxshroud.model.row import (
     Each,
     RowModel,
@@ -164,8 +163,8 @@ def whole_row(blades: RowModel, faces: dict[str, Any]) -> RowModel:
 def per_radian(model: RowModel, unit: Scalar) -> RowModel:
     """The model with time in units of `unit` seconds: masses stay, and forces are in kg m / unit^2."""
 
-    def between(m: RowModel, kind: str) -> list[Any]:
-        return [] if m.coupling is None else [getattr(m.coupling, f"{kind}_{name}") for name in SUFFIXES.values()]
+    def between(m: RowModel, kind: str) -> tuple[Any, ...]:
+        return () if m.coupling is None else getattr(m.coupling, kind)
 
     def flows(m: RowModel, kind: str) -> list[Any]:
         return [] if m.aero is None else [getattr(one, kind) for one in m.aero if one is not None]
@@ -192,7 +191,7 @@ def _expansion(
     shroud = model.blades.shroud(motion)
     pairs = State(both_sides(shroud, model.closed), start.u_s, start.mode, start.case)
     now, places = over(alone, _placed, pairs, model.interfaces)
-    R = blade_forces(over(alone, lambda place: place.loaded, places), shroud, model)
+    R = blade_forces(places, shroud, model)
     a = rates_of_blades(motion, series_of_wave(wave), R, model, Recorded(), alone).acceleration
     torques = None
     if joined is not None:
@@ -231,16 +230,16 @@ def _go_on(displacement: Any, acceleration: Any) -> None:
         displacement.go_on(lambda n: times(acceleration[n - 2], 1 / (n * (n - 1))))
 
 
-def _placed(now: State, model: Model) -> tuple[State, Placement]:
-    """The state of an interface in its current case, and the placement of its blocks."""
+def _placed(now: State, model: Model) -> tuple[State, LoadedContact]:
+    """The state of an interface in its current case, and its contact."""
     at_start = jax.tree.map(lambda a: a[0] if isinstance(a, Series) else a, now.motion)
     now = State(now.motion, now.u_s, now.mode, place_contact(at_start, now, model)[1])
-    return now, placement(now, model)
+    return now, loaded_contact(now, model)
 
 
-def _face_series(now: State, place: Placement, torque: Any, model: Model, order: int) -> FaceSeries:
+def _face_series(now: State, place: LoadedContact, torque: Any, model: Model, order: int) -> FaceSeries:
     """The polynomials of one interface; `torque` is the relative torque of its corner, if faces can be flat."""
-    at = place.at
+    at = place.point.at
     turn, height = _switch_series(now, place, torque, model, order)
     points = at.points if isinstance(at, FaceKinematics) else (at,)
     return FaceSeries(
@@ -252,14 +251,14 @@ def _face_series(now: State, place: Placement, torque: Any, model: Model, order:
     )
 
 
-def _switch_series(now: State, place: Placement, torque: Any, model: Model, order: int) -> tuple[Any, Any]:
+def _switch_series(now: State, place: LoadedContact, torque: Any, model: Model, order: int) -> tuple[Any, Any]:
     """The guards of the case, beyond their rounding. When apart they only end a trial: the position sets the case."""
     if not touches_at_corners(model):
         return ZERO, ZERO
-    at = place.at
+    at = place.point.at
     leans = EndTorques(ZERO, ZERO)
     if torque is not None:
-        leans = torques_along_face(torque, place.loaded.forces, at, now, model)
+        leans = torques_along_face(torque, place.forces, at, now, model)
         leans = EndTorques._make(polynomial(coefficients(a, order - 2)) for a in leans)
     apart = now.mode == Mode.APART  # where the sign of the angle sets the case
     unsure = where(apart, at.turn_rounding, turn_slack(at.turn[1], 2 * at.turn[2], at.turn_rounding))

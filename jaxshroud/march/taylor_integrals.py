@@ -23,7 +23,7 @@ from jaxshroud.march.taylor_expansion import (
     per_radian,
     series_of_wave,
 )
-from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, summed, total, where
+from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, summed, where
 from jaxshroud.model.blade import AnyBlade
 from jaxshroud.model.contact_law import ContactLoads, ContactPoint, LinearLaw, linear_laws
 from jaxshroud.model.drive import Excitation
@@ -33,7 +33,7 @@ from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import Integrals, Ledger, Means, Moments, blade_mean_square, blade_works
-from jaxshroud.model.row import RowModel, alone, coupling_losses, of_blades_that_count, over
+from jaxshroud.model.row import RowModel, alone, coupling_losses, in_one_ledger, of_blades_that_count, over
 from jaxshroud.model.series import coefficients, polynomial, polynomial_value, polynomial_value_and_rate, rate_of
 
 EXTRA_WORK_TERMS = 4  # further terms of the works: without them the error of squares is 100 times the tolerance
@@ -187,8 +187,7 @@ def integrated_works(z: Any, faces: FaceSeries, contact: State, span: TrialSpan,
     drive, viscous = over(alone, rates, z, model.blades, model.drive)
     viscous = viscous + coupling_losses(z, model)
     lost = over(alone, _lost_in_contact, faces, contact, model.interfaces)
-    if model.is_pair:
-        drive, viscous, lost = total(drive), total(viscous), total(lost)
+    drive, viscous, lost = (in_one_ledger(a, model) for a in (drive, viscous, lost))
     joules = 1 / (span.unit * span.unit)
 
     def gained(rate: Any, share: float = 1.0) -> Any:

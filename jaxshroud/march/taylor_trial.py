@@ -15,7 +15,6 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.march.accumulator import EnergyJumps
 from jaxshroud.march.carry import (
     NEGLIGIBLE_REST,
     EachLane,
@@ -24,26 +23,17 @@ from jaxshroud.march.carry import (
     LaneTree,
     TimeGrid,
     most_events,
+    no_time,
     running,
-    status_of,
     updated_lanes,
 )
 from jaxshroud.march.event import any_of
 from jaxshroud.march.events import HEIGHT, TURN, events_at_points, happens, number_of
-from jaxshroud.march.locate import at_event, select
-from jaxshroud.march.log import AcceptedTrial, updated_accumulator
+from jaxshroud.march.locate import at_event, one_after_the_other, select
+from jaxshroud.march.log import AcceptedTrial, new_accumulator
 from jaxshroud.march.method import Choices
-from jaxshroud.march.row_guards import row_torques
+from jaxshroud.march.row_events import InterfaceEnding, change_of_row, is_finite_row, lane_after, row_torques
 from jaxshroud.march.row_step import OfLanes
-from jaxshroud.march.row_trial import (
-    InterfaceEnding,
-    as_flat,
-    changes_of_row,
-    is_finite_row,
-    new_accumulator,
-    no_time,
-    row_turned,
-)
 from jaxshroud.march.taylor_events import (
     TaylorSearch,
     TrialEvent,
@@ -71,7 +61,6 @@ from jaxshroud.model.arithmetic import (
     any_along,
     at_place,
     greatest,
-    is_place,
     is_unrolled,
     is_zero,
     least,
@@ -80,7 +69,6 @@ from jaxshroud.model.arithmetic import (
     where,
     zeros_for,
 )
-from jaxshroud.model.coupling import SUFFIXES
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State
@@ -236,7 +224,7 @@ def trial_outcome(
     stiffest = greatest(over(each, _square_by_contact, contact.mode, faces_of(fixed.model)))
     returns = _shortest_return(faces, each)
     times = lane.step, fixed.stop, fixed.grid
-    length_of = partial(_trial_length, order=order, neighbours=1 if fixed.model.is_pair else 2)
+    length_of = partial(_trial_length, order=order, neighbours=min(len(lane.state.case), 2))
     h = each(length_of, terms, stiffest, returns, search.done, search.tolerance, search.tries, search.cap, *times)
     before = search.crossed, search.probing, search.recheck, search.tries
     event, kind, several = over(each, _first_event_of_face, faces, contact, before, h, model)
@@ -247,7 +235,7 @@ def trial_outcome(
     fires, pending = here & event.fire & ~reject, search.pending
     at_root = end > 0
     if pending is not None:
-        fires, pending, at_root = _one_after_the_other(fires, pending, at_root)
+        fires, at_root, pending = one_after_the_other(fires, place_of_largest(fires), pending, at_root)
     return SeriesOutcome(
         end=end,
         reject=reject,
@@ -265,17 +253,6 @@ def trial_outcome(
 def _has_effect(kind: Any, mode: Any) -> Any:
     """Whether an event changes the contact: a switch of the case of blocks that are apart does not."""
     return ~((interface_mode(mode) == Mode.APART) & happens(kind, TURN, HEIGHT))
-
-
-def _one_after_the_other(fires: Any, pending: Any, moves: Any) -> tuple[Any, Any, Any]:
-    """The first of the events of an instant alone, those that are left, and whether the trial ends at a root.
-
-    Each is the root of its own guard, and moves with it: the trials to those that are left have no length.
-    """
-    first = fires & is_place(place_of_largest(fires), fires)
-    waits = ~moves & any_along(first & pending)
-    left = where(any_along(fires), fires & (pending | moves) & ~first, pending & ~moves)
-    return first, left, moves | waits
 
 
 class LargestTerms(NamedTuple):
@@ -329,8 +306,7 @@ def _square_by_contact(mode: Any, faces: dict[str, Any]) -> Scalar:
     square = where(interface_mode(mode) == Mode.APART, 0.0, held)
     springs = [4 * kappa for kappa in faces["kappa"]]
     if faces["coupling"] is not None:
-        stiffnesses = (getattr(faces["coupling"], f"k_{name}") for name in SUFFIXES.values())
-        springs += map(operator.mul, stiffnesses, mobility)
+        springs += map(operator.mul, faces["coupling"].k, mobility)
     return square + _largest_present(springs, lever)
 
 
@@ -413,7 +389,7 @@ def face_guards(faces: FaceSeries, contact: State, model: Model) -> list[tuple[i
     for (lift, rub), (law, point), own in zip(events_at_points(model.law), points, faces.points, strict=True):
         apart = point.mode == Mode.APART
         gap, *rates = (where(apart, 1.0, -1.0) * a for a in own.v)
-        if model.law.has_points:  # see `point_events`
+        if model.law.has_points:  # see `events`
             gap = where(apart, gap, gap - own.rounding)
         lifts.append((number_of(lift), (gap, *rates)))
         friction = law.friction_series(point.at, point.rates(), point.u_s, point.mode)
@@ -486,7 +462,6 @@ def _lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[RowModel], me
     assert isinstance(search, TaylorSearch)
     outcome = trial.outcome
     active = running(lane, fixed.stop)
-    mode = interface_mode(start.mode)
     fires = outcome.fires & _has_effect(outcome.kind, start.mode) & active
     next_search, step = _next_taylor_search(lane, trial, fires)
     end = State(trial.motion, start.u_s, start.mode, start.case)
@@ -496,36 +471,29 @@ def _lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[RowModel], me
     ending = InterfaceEnding(
         fires=fires, kind=outcome.kind, several=outcome.several, inside=outcome.inside, delay=delay
     )
-    change = changes_of_row(lane, end, row_torques(end, wave, model, each), ending, fixed, method, each)
-    after = State(end.motion, change.u_s, change.mode, change.case)
-    after, dropped = as_flat(after, change.becomes_flat, model, each)
+    change = change_of_row(lane, end, row_torques(end, wave, model, each), ending, fixed, method, each)
     accepted = AcceptedTrial(
         start=start,
-        mode=mode,
+        mode=interface_mode(start.mode),
         h=h,
         end=trial.motion,
-        after=after.motion,
+        change=change,
         v=trial.deepest,
-        lift=change.lift,
         gain=trial.gain,
-        jumps=EnergyJumps(change.springs, dropped),
         step=lane.step,
         next_step=step,
-        events=change.counted,
         by_series=trial.by_series,
     )
-    accumulator = updated_accumulator(lane.accumulator, accepted, model, method, each)._replace(margins=change.margins)
-    lost = ~is_finite_row(end)
     tries = jnp.maximum(next_search.events, next_search.tries)
     too_many = tries > most_events(grid, model.turns_by_events) * len(outcome.fires)
-    status = status_of(row_turned(after, lost, model), lost, too_many)
     # contact may begin flat although one end of the overlap already pulls
-    turns = None if change.turns is None else where(step > lane.step, 0, change.turns)
-    recheck = any_along(change.jumped)
+    turns = None if change.at.turns is None else where(step > lane.step, 0, change.at.turns)
+    recheck = any_along(change.at.jumped)
     if outcome.pending is not None:
         recheck = recheck | any_along(outcome.pending)
     next_search = next_search._replace(recheck=recheck, turns=turns, pending=outcome.pending)
-    return select(active, Lane(after, step, next_search, None, accumulator, status), lane)
+    after = lane_after(lane, accepted, next_search, None, ~is_finite_row(end), too_many, model, method, each)
+    return select(active, after, lane)
 
 
 def _next_taylor_search(lane: Lane, trial: TaylorTrial, fires: Any) -> tuple[TaylorSearch, Int[Array, "..."]]:

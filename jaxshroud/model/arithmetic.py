@@ -155,11 +155,6 @@ def is_unrolled(value: object) -> bool:
     return isinstance(value, Unrolled)
 
 
-def is_of_blades(tree: Any) -> bool:
-    """Whether a tree is a plain tuple of numbers, one of each blade."""
-    return type(tree) is tuple and len(tree) > 0 and not isinstance(tree[0], tuple | None)
-
-
 def is_zero(value: object) -> bool:
     """Whether a number is left out."""
     return isinstance(value, Zero)
@@ -239,15 +234,6 @@ def filled(tree: Any, like: Any) -> Any:
 def summed(terms: Iterable[Any]) -> Any:
     """The sum of at least one term; the only one as it is."""
     return reduce(operator.add, terms)
-
-
-def of_blade(i: int, *trees: Any) -> tuple[Any, ...]:
-    """The numbers of one blade in each of some trees of pairs."""
-
-    def own(tree):
-        return jax.tree.map(lambda pair: pair[i], tree, is_leaf=lambda a: type(a) is tuple)
-
-    return tuple(map(own, trees))
 
 
 def zeros_for(f: Callable[..., Any], *args: Any) -> Any:

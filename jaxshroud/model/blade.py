@@ -5,15 +5,13 @@ have the same methods: of numbers of one blade, or of arrays for all blades of a
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 
-from jaxshroud.model.arithmetic import ZERO, is_zero, summed
+from jaxshroud.model.arithmetic import ZERO, summed
 from jaxshroud.model.drive import Excitation, Wave
-from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import COORDINATES, Parts
 from jaxshroud.scene.modes import ModeNumbers
@@ -266,18 +264,15 @@ class ModalBlade(eqx.Module):
 AnyBlade = LumpedBlade | ModalBlade
 
 
-def lumped_blades(b: Blades) -> LumpedBlade:
-    """The lumped blades of a scene, fields (blades,)."""
+def blades_of_row(scene: Scene) -> AnyBlade:
+    """The blades of a pair, or of a row with their mistuning, fields (blades,)."""
+    modes, b = scene.mode_numbers, scene.mistuned_blades
+    if modes is not None:
+        return _modal_blades(modes, scene.parts)
     return LumpedBlade(b.m, b.I, b.k_x, b.k_y, b.k_T, b.c_x, b.c_y, b.c_T, b.m_y)
 
 
-def blades_of_row(scene: Scene) -> AnyBlade:
-    """The blades of a row with their mistuning, fields (blades,)."""
-    modes = scene.mode_numbers
-    return lumped_blades(scene.mistuned_blades) if modes is None else modal_blades_of(modes, scene.parts)
-
-
-def modal_blades_of(modes: ModeNumbers, parts: Parts) -> ModalBlade:
+def _modal_blades(modes: ModeNumbers, parts: Parts) -> ModalBlade:
     """Blades by modes, fields (blades,)."""
     none = (ZERO,) * len(modes.stiffness)
     turn = dot(modes.shapes[2], modes.shapes[2])
@@ -290,16 +285,6 @@ def modal_blades_of(modes: ModeNumbers, parts: Parts) -> ModalBlade:
         I=1 / jnp.where(turn > 0, turn, 1.0),
         sigma=modes.sigma,
     )
-
-
-def pair_by_modes(blades: ModalBlade, parts: Parts) -> ModalBlade:
-    """Two blades by modes, pairs of numbers, of which a rigid neighbour does not move."""
-
-    def moving(pair: Any) -> tuple[Any, Any]:
-        left, right = (ZERO, ZERO) if is_zero(pair) else pair
-        return left, right if parts.neighbour == "blade" else ZERO
-
-    return replace(blades, shapes=tuple(tuple(map(moving, row)) for row in blades.shapes))
 
 
 def dot(row: Sequence[Any], numbers: Sequence[Any]) -> Any:

@@ -223,6 +223,16 @@ class ContactLaw(SceneLaw):
         """The mode after the guard of the friction element."""
         return crossing.mode
 
+    def crossing_at(self, m: int, crossing: GuardCrossing) -> GuardCrossing:
+        """The crossing at point `m` of an interface."""
+        del m
+        return crossing
+
+    def with_mode_at(self, m: int, modes: Any, mode: Modes) -> Any:
+        """The modes of an interface with that of point `m` anew."""
+        del m, modes
+        return mode
+
     def slider_after(self, crossing: GuardCrossing, w: Slider, mode: Modes, u: Scalar) -> Slider:
         """The slider after an event that leads into a `mode` and a slide `u`, from the stretch `w` before it."""
         del crossing, w, mode, u

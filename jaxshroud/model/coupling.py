@@ -13,7 +13,6 @@ import jax.numpy as jnp
 
 from jaxshroud.model.arithmetic import (
     ZERO,
-    Scalar,
     is_zero,
     left_of_interfaces,
     neighbours,
@@ -30,54 +29,27 @@ from jaxshroud.scene.scene import Scene
 SUFFIXES = {"x": "x", "y": "y", "theta": "T"}  # of stiffnesses and dampings, by coordinate
 
 
-class SpringForces(NamedTuple):
-    """The forces of the springs and dampers at an interface on the blade left of it; the right one has the opposite."""
-
-    x: Any  # [N]
-    y: Any
-    M: Any  # [N m]
-
-
 class NeighbourSprings(eqx.Module):
-    """The springs and dampers between neighbours of one interface, or of each."""
+    """The springs and dampers between neighbours of one interface, or of each, along x, y and theta."""
 
-    k_x: Any  # [N/m]
-    k_y: Any
-    k_T: Any  # [N m/rad]
-    c_x: Any  # [N s/m]
-    c_y: Any
-    c_T: Any  # [N m s/rad]
-
-    def forces(self, left: Motion, right: Motion) -> SpringForces:
-        """The forces on the left blade."""
-        return SpringForces(
-            self.k_x * (right.x - left.x) + self.c_x * (right.v_x - left.v_x),
-            self.k_y * (right.y - left.y) + self.c_y * (right.v_y - left.v_y),
-            self.k_T * (right.theta - left.theta) + self.c_T * (right.v_theta - left.v_theta),
-        )
-
-    def lost(self, left: Motion, right: Motion) -> Scalar:
-        """The power lost in the dampers [W]."""
-        along = self.c_x * (right.v_x - left.v_x) ** 2 + self.c_y * (right.v_y - left.v_y) ** 2
-        return along + self.c_T * (right.v_theta - left.v_theta) ** 2
-
-    def twice_energy(self, left: Motion, right: Motion) -> Scalar:
-        """Twice the energy of the springs [J]."""
-        along = self.k_x * (right.x - left.x) ** 2 + self.k_y * (right.y - left.y) ** 2
-        return along + self.k_T * (right.theta - left.theta) ** 2
+    k: tuple[Any, ...]  # [N/m, N/m, N m/rad]
+    c: tuple[Any, ...]  # [N s/m, N s/m, N m s/rad]
 
 
 def neighbour_springs(scene: Scene) -> NeighbourSprings | None:
     """The springs and dampers of a scene, without those along coordinates that no block has; None without any."""
-    coupling = scene.coupling
-
-    def number(kind, name):
-        return getattr(coupling, f"{kind}_{SUFFIXES[name]}") if scene.parts.has(name, 0) else None
-
-    numbers = {f"{kind}_{SUFFIXES[name]}": number(kind, name) for kind in "kc" for name in COORDINATES}
-    if all(a is None for a in numbers.values()):
+    springs = {
+        kind: [
+            getattr(scene.coupling, f"{kind}_{SUFFIXES[name]}") if scene.parts.has(name, 0) else None
+            for name in COORDINATES
+        ]
+        for kind in "kc"
+    }
+    if all(a is None for numbers in springs.values() for a in numbers):
         return None
-    return NeighbourSprings(**{name: ZERO if a is None else a for name, a in numbers.items()})
+    return NeighbourSprings(
+        **{kind: tuple(ZERO if a is None else a for a in numbers) for kind, numbers in springs.items()}
+    )
 
 
 def mode_stretches(q: tuple[Any, ...], closed: bool) -> list[Any]:
@@ -91,35 +63,31 @@ def mode_pulls(kappa: tuple[Any, ...], q: tuple[Any, ...], closed: bool) -> list
     return [sum_at_blades(pull, -pull, closed) for pull in pulls]
 
 
-def motions_of_pair(z: Motion) -> tuple[Motion, Motion]:
-    """The motions of both blades, from `Pair`s."""
-    return Motion._make(a[0] for a in z), Motion._make(a[1] for a in z)
+def _stretches(z: Motion, closed: bool) -> tuple[list[Any], list[Any]]:
+    """How much x, y and theta of the blade right of each interface exceed those left of it, and their rates."""
 
+    def stretch(a: Any) -> Any:
+        return a if is_zero(a) else right_of_interfaces(a, closed) - left_of_interfaces(a, closed)
 
-def _on_both_sides(z: Motion, closed: bool) -> tuple[Motion, Motion]:
-    """The motion of the blade left of each interface, and of that right of it."""
-
-    def side(of):
-        return Motion._make(a if is_zero(a) else of(a, closed) for a in z)
-
-    return side(left_of_interfaces), side(right_of_interfaces)
+    return list(map(stretch, z[:3])), list(map(stretch, z[3:]))
 
 
 def forces_of_springs(z: Motion, springs: NeighbourSprings, closed: bool) -> BladeForces:
     """The forces of a row's springs and dampers on each blade, from the motion of the shrouds (N, lanes)."""
-    on_left = springs.forces(*_on_both_sides(z, closed))
+    numbers = zip(springs.k, springs.c, *_stretches(z, closed), strict=True)
+    on_left = [k * stretch + c * rate for k, c, stretch, rate in numbers]
     return BladeForces._make(a if is_zero(a) else sum_at_blades(a, -a, closed) for a in on_left)
 
 
 def half_losses(z: Motion, springs: NeighbourSprings, closed: bool) -> Any:
     """The power lost in a row's dampers, half of each for both of its blades (N, lanes) [W]."""
-    lost = springs.lost(*_on_both_sides(z, closed))
+    lost = summed(c * rate**2 for c, rate in zip(springs.c, _stretches(z, closed)[1], strict=True))
     return lost if is_zero(lost) else sum_at_blades(lost / 2, lost / 2, closed)
 
 
 def spring_energies(z: Motion, springs: NeighbourSprings, closed: bool) -> Any:
     """The energy of the springs at each interface (E, lanes) [J]."""
-    energy = springs.twice_energy(*_on_both_sides(z, closed))
+    energy = summed(k * stretch**2 for k, stretch in zip(springs.k, _stretches(z, closed)[0], strict=True))
     return energy if is_zero(energy) else energy / 2
 
 

@@ -1,9 +1,11 @@
 """The drive of a blade: its forces at a phase, their rate and their power, as sums of harmonics (Sec. 3.1)."""
 
 import math
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from jaxshroud.model.arithmetic import ZERO, Scalar, summed
@@ -104,13 +106,17 @@ class Excitation(eqx.Module):
 
     def wave_rate(self, s: Scalar, c: Scalar) -> Wave:
         """The rate of the wave per radian, from the sine and the cosine of the phase a quarter of a turn later."""
-        return tuple(
-            _times(n, one.wave(*_turned_back(*multiple_angle(s, c, n), n - 1))) for n, one in self.harmonics.items()
-        )
+
+        def rate(n: int, one: HarmonicForce | ComplexForce) -> Any:
+            wave = one.wave(*_turned_back(*multiple_angle(s, c, n), n - 1))
+            return jax.tree.map(lambda a: a if n == 1 else n * a, wave)
+
+        return tuple(rate(n, one) for n, one in self.harmonics.items())
 
     def wave_series(self, wave: Wave, rate: Wave) -> Wave:
         """The power series of the wave in the phase, from the wave and its rate at the start."""
-        return tuple(_series_of(*start) for start in zip(self.harmonics, wave, rate, strict=True))
+        starts = zip(self.harmonics, wave, rate, strict=True)
+        return tuple(jax.tree.map(partial(_sine_series, n), *start) for n, *start in starts)
 
     def force(self, name: str, wave: Wave) -> Any:
         """The force along x or y [N], or the moment on theta [N m], at a wave: a number, or a `Series` if it is one."""
@@ -152,19 +158,6 @@ def _turned_back(s: Scalar, c: Scalar, quarters: int) -> tuple[Scalar, Scalar]:
     for _ in range(quarters % 4):
         s, c = -c, s
     return s, c
-
-
-def _times(n: int, value: Any) -> Any:
-    if isinstance(value, tuple):
-        return tuple(_times(n, one) for one in value)
-    return value if n == 1 else n * value
-
-
-def _series_of(n: int, wave: Any, rate: Any) -> Any:
-    """The series of a wave, of one sine or of a sine and a cosine."""
-    if isinstance(wave, tuple):
-        return tuple(_sine_series(n, *start) for start in zip(wave, rate, strict=True))
-    return _sine_series(n, wave, rate)
 
 
 def _sine_series(n: int, value: Scalar, rate: Scalar) -> Series:

@@ -25,12 +25,53 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.model.arithmetic import ZERO, Pair, Scalar, Symbolic, blended, where
-from jaxshroud.model.blocks import Corners, FacePoint, Pose, rotation, rounding_of_sum
+from jaxshroud.model.arithmetic import ZERO, Pair, Scalar, Symbolic, blended, is_zero, plus, sine_versine, where
 from jaxshroud.model.series import rate_of
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.points import ContactPoints
 from jaxshroud.scene.scene import Shroud
+
+
+class FacePoint(NamedTuple):
+    """A point of contact of both faces."""
+
+    place: Scalar  # up the face from its middle [m]
+    share: Scalar  # of the stiffnesses of the interface
+
+
+class Corners(NamedTuple):
+    """The constants of the blocks: corners a and b of the left one about its centre, and the angle of the face."""
+
+    a_x: Scalar
+    b_x: Scalar
+    h_y: Scalar  # a_y = h_y, b_y = -h_y
+    sin_alpha: Scalar
+    cos_alpha: Scalar
+    gap: Scalar
+    l_ab: Scalar  # from b to a, along the face
+    points: tuple[FacePoint, ...] = ()  # of contact; none where a corner touches
+
+
+class Pose(NamedTuple):
+    """The positions of both blocks, with the sine, cosine and versine of their angles."""
+
+    x: Pair
+    y: Pair
+    theta: Pair
+    sin: Pair
+    cos: Pair
+    versine: Pair  # 1 - cos
+
+
+def rotation(theta: Scalar) -> tuple[Scalar, Scalar]:
+    """The sine and the versine of an angle."""
+    return theta.sine_versine() if isinstance(theta, Symbolic) else sine_versine(theta)
+
+
+def rounding_of_sum(terms: tuple[Scalar, ...]) -> Scalar:
+    """Four roundings of every term of a sum."""
+    size = reduce(plus, map(abs, terms))
+    return size if is_zero(size) else 4 * float(jnp.finfo(size.dtype).eps) * size
 
 
 def corners(shroud: Shroud, reading: frozenset[str] = frozenset(), points: ContactPoints | None = None) -> Corners:

@@ -18,6 +18,7 @@ from jaxshroud.model.contact_law import (
     ContactLoads,
     ContactPoint,
     GuardCrossing,
+    Modes,
     Slider,
     SummedForces,
 )
@@ -128,6 +129,10 @@ class PointsContact(ContactLaw):
         u_s = crossing.u_s if is_zero(crossing.u_s) else crossing.u_s[m]
         return GuardCrossing(crossing.at.points[m], crossing.rate.points[m], u_s, crossing.mode[m], crossing.delay)
 
+    def with_mode_at(self, m: int, modes: Any, mode: Modes) -> Any:
+        """The modes of all points."""
+        return *modes[:m], mode, *modes[m + 1 :]
+
     def slider_after(self, crossing: GuardCrossing, w: Any, mode: Any, u: Scalar) -> Any:
         """The slider of each point; that of a point whose mode stays is as it was."""
         if is_zero(crossing.u_s):
@@ -163,6 +168,6 @@ def by_point(a: Any, like: Any) -> Any:
     return tuple(a[..., m] for m in range(a.shape[-1])) if a.ndim > like.ndim else a
 
 
-def points_last(a: Any, axis: int = -1) -> Any:
-    """Numbers of each point, a tuple, as an array with an `axis` of points, (..., points); others as they are."""
-    return jnp.stack(a, axis=axis) if isinstance(a, tuple) else a
+def points_last(a: Any) -> Any:
+    """Numbers of each point, a tuple, as an array with a last axis of points, (..., points); others as they are."""
+    return jnp.stack(a, axis=-1) if isinstance(a, tuple) else a

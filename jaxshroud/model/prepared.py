@@ -4,16 +4,13 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 
 from jaxshroud.model.arithmetic import ZERO, Scalar
-from jaxshroud.model.blade import InverseMasses, LumpedBlade, lumped_blades
+from jaxshroud.model.blade import InverseMasses
 from jaxshroud.model.contact_law import ContactLaw
-from jaxshroud.model.coupling import NeighbourSprings, neighbour_springs
-from jaxshroud.model.drive import Excitation, excitation
-from jaxshroud.model.geometry import Corners, corners, gyration
-from jaxshroud.model.linear import StaticPosition, free_reach, static_position, steady_amplitudes
+from jaxshroud.model.geometry import Corners, corners
+from jaxshroud.model.linear import free_reach, steady_amplitudes
 from jaxshroud.model.points_contact import PointsContact
 from jaxshroud.model.smooth_contact import SmoothContact
 from jaxshroud.model.spring_contact import BilinearContact, NoContact, SpringContact
@@ -44,11 +41,6 @@ def initial_state(motion: Motion, points: int = 0) -> State:
     return State(motion, jnp.zeros(of_each, motion.x.dtype), jnp.zeros(of_each, jnp.int32), jnp.zeros((), jnp.int32))
 
 
-def as_pairs(tree: Any) -> Any:
-    """The `tree` with every (2,) array as a pair of scalars: one flat array for each number when lanes are batched."""
-    return jax.tree.map(lambda a: (a[0], a[1]) if jnp.ndim(a) == 1 else a, tree)
-
-
 class Mobility(NamedTuple):
     """What both blocks oppose to forces."""
 
@@ -58,33 +50,20 @@ class Mobility(NamedTuple):
 
 
 class Model(eqx.Module):
-    """A scene prepared for stepping: everything that can be computed once per lane."""
+    """The contact of two blocks prepared for stepping: everything that can be computed once per lane."""
 
-    blades: LumpedBlade  # or those that stand for blades by modes
     block: Corners
     law: ContactLaw
-    drive: Excitation
-    gyration: Scalar  # J_A / A [m^2]
     mobility: Mobility
-    static: StaticPosition | None  # from which power is measured; None: from rest
-    coupling: NeighbourSprings | None  # between the blades
     reading: frozenset[str] = eqx.field(static=True)
     parts: Parts = eqx.field(static=True)
 
 
 def prepared_model(scene: Scene) -> Model:
-    """The constants of a scene."""
-    s = scene.running_shroud
-    drive = excitation(scene.drive)
+    """The constants of the contact of a pair."""
     reading = scene.contact.reading
-    block = corners(s, reading, scene.contact.points)
-    law = prepared_law(scene)
-    size = gyration(s)
-    blades, block, drive, size = as_pairs((lumped_blades(scene.running_blades), block, drive, size))
-    static = as_pairs(static_position(scene))
-    mobility = _mobility(scene)
-    coupling = neighbour_springs(scene)
-    return Model(blades, block, law, drive, size, mobility, static, coupling, reading, scene.parts)
+    block = corners(scene.running_shroud, reading, scene.contact.points)
+    return Model(block, prepared_law(scene), _mobility(scene), reading, scene.parts)
 
 
 def _mobility(scene: Scene) -> Mobility:

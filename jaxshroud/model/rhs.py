@@ -5,17 +5,15 @@ How the faces of two blocks lie against each other, the forces of contact there,
 
 from typing import Any, NamedTuple
 
-from jaxshroud.model.arithmetic import ZERO, Pair, Scalar, is_zero, of_blade, sine_versine, where
+from jaxshroud.model.arithmetic import ZERO, Pair, Scalar, is_zero, sine_versine, where
 from jaxshroud.model.blade import AnyBlade
 from jaxshroud.model.contact import Load
 from jaxshroud.model.contact_law import ContactLoads, ContactPoint, Forces, Slider
-from jaxshroud.model.coupling import motions_of_pair
 from jaxshroud.model.drive import Excitation, Wave
 from jaxshroud.model.geometry import (
     Case,
     FaceKinematics,
     Kinematics,
-    Pose,
     contact_kinematics,
     contact_rates,
     is_upper,
@@ -24,51 +22,35 @@ from jaxshroud.model.geometry import (
 )
 from jaxshroud.model.linear import StaticPosition, about_static
 from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.scene.keys import Motion
 
 
 class LoadedContact(NamedTuple):
-    """The forces of contact, and what they are to the blocks."""
+    """How the faces of two blocks lie against each other, the forces of contact, and what these do to the blocks."""
 
+    point: ContactPoint
     forces: Forces
     load: Load
 
 
-def contact_point(at: Kinematics, z: Motion, state: State, case: Case, model: Model) -> ContactPoint:
-    """The point of contact at the motion `z`, in the mode and with the slider of `state`."""
-    rates = contact_rates(at, z, case, model.reading) if isinstance(at, FaceKinematics) else None
-    return ContactPoint(at, z, case, state.u_s, state.mode, model.reading, rates)
+def contact_point(at: Kinematics, case: Case, now: State, model: Model) -> ContactPoint:
+    """The point of contact of blocks that lie so."""
+    rates = contact_rates(at, now.motion, case, model.reading) if isinstance(at, FaceKinematics) else None
+    return ContactPoint(at, now.motion, case, now.u_s, now.mode, model.reading, rates)
 
 
-def law_forces(at: Kinematics, z: Motion, state: State, case: Case, model: Model) -> Forces:
-    """The forces of the model's law at the motion `z` in the mode of `state`."""
-    return model.law.forces(contact_point(at, z, state, case, model))
+def law_forces(at: Kinematics, case: Case, now: State, model: Model) -> Forces:
+    """The forces of the model's law there."""
+    return model.law.forces(contact_point(at, case, now, model))
 
 
-class Placement(NamedTuple):
-    """The position of the blocks against each other, and what it makes of contact."""
-
-    pose: Pose
-    case: Case
-    at: Kinematics
-    loaded: LoadedContact
-
-
-def placement(now: State, model: Model) -> Placement:
-    """The position of both blocks, and the kinematics and the forces of their contact in the current case."""
-    z = now.motion
-    q = pose(z.x, z.y, z.theta)
+def loaded_contact(now: State, model: Model) -> LoadedContact:
+    """The contact of two blocks in the current case."""
+    q = pose(now.motion.x, now.motion.y, now.motion.theta)
     blend = model.law.case_blend(q, model.block) if has_torsion(model) else None
     case = now.case if blend is None else blend
-    at = contact_kinematics(q, case, model.block, model.reading)
-    return Placement(q, case, at, loaded_contact(at, z, now, case, model))
-
-
-def loaded_contact(at: Kinematics, z: Motion, state: State, case: Case, model: Model) -> LoadedContact:
-    """The forces of contact and their load in the mode of `state`."""
-    point = contact_point(at, z, state, case, model)
+    point = contact_point(contact_kinematics(q, case, model.block, model.reading), case, now, model)
     forces = model.law.forces(point)
-    return LoadedContact(forces, model.law.load(point, forces, model.block))
+    return LoadedContact(point, forces, model.law.load(point, forces, model.block))
 
 
 class EndTorques(NamedTuple):
@@ -143,12 +125,6 @@ class Integrals(NamedTuple):
     means: Means | None = None
 
 
-def parallel_mean(pair: Pair, model: Model) -> Pair:
-    """The common value of two turning blocks that are held parallel: their mean, weighted by inertia."""
-    mean = pair[1] + model.mobility.share * (pair[0] - pair[1])
-    return mean, pair[1] if is_zero(pair[1]) else mean
-
-
 def blade_mean_square(x: Any, y: Any, sine: Any, versine: Any, gyration: Scalar, static: StaticPosition | None) -> Any:
     """The square displacement averaged over a block: x^2 + y^2 + 4 (J_A/A) sin^2(theta/2) [m^2]; arrays in its shape.
 
@@ -191,17 +167,8 @@ class ContactEffects(NamedTuple):
     loads: ContactLoads | None
 
 
-def contact_effects(place: Placement, now: State, model: Model, recorded: Recorded) -> ContactEffects:
-    """The effects of contact where the position is known already."""
-    (forces, load), law = place.loaded, model.law
-    point = contact_point(place.at, now.motion, now, place.case, model)
+def contact_effects(now: State, model: Model, recorded: Recorded) -> ContactEffects:
+    """The effects of contact at one interface."""
+    (point, forces, load), law = loaded_contact(now, model), model.law
     lost = law.dissipated_power(point, forces) if recorded.ledger else None
     return ContactEffects(load, forces.u_s, lost, law.load_rates(point, forces) if recorded.loads else None)
-
-
-def stored_energy(z: Motion, model: Model) -> Scalar:
-    """The kinetic energy and the energy of the blades' springs, those between them included [J]."""
-    left, right = (blade.twice_energy(own) for own, blade in (of_blade(i, z, model.blades) for i in (0, 1)))
-    if model.coupling is not None:
-        left = left + model.coupling.twice_energy(*motions_of_pair(z))
-    return (left + right) / 2

@@ -16,6 +16,7 @@ taken.
 
 import operator
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -29,7 +30,6 @@ from jaxshroud.model.arithmetic import (
     Unrolled,
     Zero,
     both_sides,
-    is_of_blades,
     is_unrolled,
     is_zero,
     left_of_interfaces,
@@ -42,10 +42,9 @@ from jaxshroud.model.arithmetic import (
 from jaxshroud.model.blade import (
     AnyBlade,
     BladeForces,
+    ModalBlade,
     blades_of_row,
     dot,
-    modal_blades_of,
-    pair_by_modes,
 )
 from jaxshroud.model.coupling import (
     AeroMatrices,
@@ -60,10 +59,10 @@ from jaxshroud.model.coupling import (
     spring_energies,
 )
 from jaxshroud.model.drive import Excitation, excitation
-from jaxshroud.model.geometry import rotation
+from jaxshroud.model.geometry import gyration, rotation
 from jaxshroud.model.linear import StaticPosition, static_position
 from jaxshroud.model.modes import FLAT
-from jaxshroud.model.prepared import Model, State, as_pairs, prepared_model
+from jaxshroud.model.prepared import Model, State, prepared_model
 from jaxshroud.model.rhs import (
     ContactEffects,
     Integrals,
@@ -75,7 +74,6 @@ from jaxshroud.model.rhs import (
     blade_mean_square,
     blade_works,
     contact_effects,
-    placement,
     position_at,
 )
 from jaxshroud.scene.keys import Motion
@@ -132,14 +130,8 @@ class RowModel(eqx.Module):
 
 
 def along_blades(tree: Any) -> Any:
-    """A tree of pairs along an unrolled axis of blades."""
-
-    def along(a: Any) -> Any:
-        if not is_of_blades(a):
-            return a
-        return ZERO if all(map(is_zero, a)) else Unrolled(*a)
-
-    return jax.tree.map(along, tree, is_leaf=is_of_blades)
+    """A tree of arrays (2,) along an unrolled axis of blades."""
+    return jax.tree.map(lambda a: Unrolled(a[0], a[1]) if jnp.ndim(a) == 1 else a, tree)
 
 
 def at_interface(tree: Any) -> Any:
@@ -152,61 +144,47 @@ def at_only_interface(tree: Any) -> Any:
     return jax.tree.map(lambda a: a[0] if is_unrolled(a) else a, tree, is_leaf=is_unrolled)
 
 
-def state_of_row(state: State) -> State:
-    """The state of a pair as one of a row."""
-    u_s, mode, case = at_interface((state.u_s, state.mode, state.case))
-    return State(along_blades(state.motion), u_s, mode, case)
-
-
 def of_left_blade(tree: Any) -> Any:
     """A tree along an unrolled axis of blades with the left one alone."""
     return jax.tree.map(lambda a: Unrolled(a[0]) if is_unrolled(a) else a, tree, is_leaf=is_unrolled)
 
 
-def _row_of_pair(model: Model, scene: Scene) -> RowModel:
-    """The row of a pair, unrolled."""
-    modes = scene.mode_numbers
-    blades, inverse = model.blades, model.mobility.inverse
-    if modes is not None:
-        blades = pair_by_modes(as_pairs(modal_blades_of(modes, scene.parts)), scene.parts)
-        inverse = None
-    return RowModel(
-        blades=along_blades(blades),
-        drive=along_blades(model.drive),
-        inverse=along_blades(inverse),
-        gyration=model.gyration,
-        static=along_blades(model.static),
-        interfaces=at_interface(model),
-        coupling=at_interface(model.coupling),
-        kappa=at_interface(() if modes is None else modes.kappa),
-        aero=None,
-        closed=False,
-        parts=model.parts,
-    )
-
-
 def prepared_row(scene: Scene) -> RowModel:
     """The constants of a row, or of a pair, which is an unrolled one; without an axis of lanes."""
-    row = scene.row
     scene.check_modal_loads()
-    if row is None:
-        return _row_of_pair(prepared_model(scene), scene)
-    pairs = jax.vmap(lambda j: prepared_model(pair_at(scene, j)))(jnp.arange(row.interfaces))
+    row, parts, modes = scene.row, scene.parts, scene.mode_numbers
     blades = blades_of_row(scene)
-    drive = excitation(scene.drive)
+    of_blades = blades, excitation(scene.drive), blades.inverse_masses(parts), static_position(scene)
+    between = neighbour_springs(scene), () if modes is None else modes.kappa
+    if row is None:
+        of_blades, between = along_blades(of_blades), at_interface(between)
+        interfaces = at_interface(prepared_model(scene))
+    else:
+        interfaces = jax.vmap(lambda j: prepared_model(pair_at(scene, j)))(jnp.arange(row.interfaces))
+    blades, drive, inverse, static = of_blades
+    coupling, kappa = between
+    if parts.neighbour == "rigid":
+        inverse = _of_left_alone(inverse)
+        if isinstance(blades, ModalBlade):
+            blades = replace(blades, shapes=_of_left_alone(blades.shapes))
     return RowModel(
-        blades,
-        drive,
-        blades.inverse_masses(scene.parts),
-        pairs.gyration[0],
-        static_position(scene),
-        pairs,
-        neighbour_springs(scene),
-        () if scene.mode_numbers is None else scene.mode_numbers.kappa,
-        aero_matrices(scene),
-        row.closed,
-        scene.parts,
+        blades=blades,
+        drive=drive,
+        inverse=inverse,
+        gyration=gyration(scene.shroud),
+        static=static,
+        interfaces=interfaces,
+        coupling=coupling,
+        kappa=kappa,
+        aero=aero_matrices(scene),
+        closed=row is not None and row.closed,
+        parts=parts,
     )
+
+
+def _of_left_alone(tree: Any) -> Any:
+    """A tree of numbers of both blades, of which the right one has none."""
+    return jax.tree.map(lambda a: Unrolled(a[0], ZERO), tree, is_leaf=is_unrolled)
 
 
 def pair_at(scene: Scene, j: Any, by_modes: bool = False) -> Scene:
@@ -393,11 +371,6 @@ def joint_inertia(cluster: Cluster | FlatPair, model: RowModel) -> OfInterfaces:
     return left * right / (left + right)
 
 
-def interface_effects(state: State, model: Model, recorded: Recorded) -> ContactEffects:
-    """The effects of contact at one interface."""
-    return contact_effects(placement(state, model), state, model, recorded)
-
-
 def blade_positions(z: Motion) -> Means:
     """The position of each blade."""
     return position_at(z.x, z.y, z.theta)
@@ -410,7 +383,7 @@ def of_blades_that_count(tree: Any, model: RowModel) -> Any:
 
 def positions_that_count(z: Motion, model: RowModel) -> Means:
     """The position of each blade that counts."""
-    return over(alone, blade_positions, of_left_blade(z)) if model.is_pair else blade_positions(z)
+    return over(alone, blade_positions, of_blades_that_count(z, model))
 
 
 class BladeRates(NamedTuple):
@@ -471,7 +444,7 @@ def row_rhs(
         The derivative; and the rates of the integrals of each blade, those of contact of each interface.
     """
     blades = model.blades
-    effects = over(each, partial(interface_effects, recorded=recorded), pair_states(now, model), model.interfaces)
+    effects = over(each, partial(contact_effects, recorded=recorded), pair_states(now, model), model.interfaces)
     R = blade_forces(effects, blades.shroud(now.motion), model)
     rates = rates_of_blades(now.motion, wave, R, model, recorded, each)
     a = rates.acceleration
@@ -480,10 +453,8 @@ def row_rhs(
     ledger = None
     if recorded.ledger:
         viscous = rates.viscous + coupling_losses(now.motion, model)
-        ledger = Ledger(rates.drive, abs(rates.drive), viscous, effects.lost)
-        if model.is_pair:
-            drive = total(rates.drive)
-            ledger = Ledger(drive, abs(drive), total(viscous), total(effects.lost))
+        drive, viscous, lost = (in_one_ledger(a, model) for a in (rates.drive, viscous, effects.lost))
+        ledger = Ledger(drive, abs(drive), viscous, lost)
     moments = None
     if recorded.moments:
         z = blades.shroud(now.motion)
@@ -491,6 +462,11 @@ def row_rhs(
         moments = Moments(first, jax.tree.map(lambda a: a * a, first))
     means = of_blades_that_count(rates.means, model)
     return StateDerivative(a, effects.u_s), Integrals(rates.power, ledger, moments, effects.loads, means)
+
+
+def in_one_ledger(work: Any, model: RowModel) -> Any:
+    """Works along an axis as a ledger has them: of a pair their sum, of a row each by itself."""
+    return total(work) if model.is_pair else work
 
 
 def coupling_losses(z: Any, model: RowModel) -> Any:

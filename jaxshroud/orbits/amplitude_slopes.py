@@ -15,8 +15,8 @@ import numpy as np
 
 from jaxshroud.batch.runs import sampled_motions
 from jaxshroud.batch.sampling import SampleGrid
-from jaxshroud.batch.stretches import hermite_coefficients
 from jaxshroud.batch.tangents import TangentProblem, Tangents
+from jaxshroud.march.locate import HermiteCubic
 from jaxshroud.orbits.batched_algorithms import Algorithm, Derivatives, stacked
 from jaxshroud.orbits.orbit import PeriodicOrbit
 from jaxshroud.orbits.shooting import moved_start
@@ -174,10 +174,9 @@ def turning_points(q: np.ndarray, rate: np.ndarray, period: float, steps: int, b
     """The turning points of samples (n,) of a blade with their rates, by cubics; at rest its start."""
     slope = rate * (period / steps)  # per interval
     places = np.flatnonzero((slope[:-1] * slope[1:] <= 0) & (slope[:-1] != slope[1:]) & (slope[1:] != 0))
-    q_0, q_1, m_0, m_1 = q[places], q[places + 1], slope[places], slope[places + 1]
-    s = m_0 / (m_0 - m_1)
-    b, c = hermite_coefficients(q_0, q_1, m_0, m_1)
-    columns = (places + s) / steps, q_0 + s * (m_0 + s * (b + s * c)), places / steps, rate[places]
+    cubic = HermiteCubic(q[places], q[places + 1], slope[places], slope[places + 1])
+    s = cubic.m_0 / (cubic.m_0 - cubic.m_1)
+    columns = (places + s) / steps, cubic(s), places / steps, rate[places]
     turns = [Extreme._make((*map(float, row), blade)) for row in zip(*columns, strict=True)]
     return turns or [Extreme(1.0, float(q[0]), 0.0, 0.0, blade)]
 

@@ -7,7 +7,7 @@ from typing import cast
 import jax
 import numpy as np
 
-from jaxshroud.batch.linear_runs import linear_amplitude_values, linear_amplitudes, linear_status
+from jaxshroud.batch.closed_form import linear_amplitude_values, linear_amplitudes, linear_status
 from jaxshroud.batch.tangents import direction
 from jaxshroud.batch.xla import one_lane, repeat_lane
 from jaxshroud.linear.held_contact import LinearState, held_contact

@@ -25,9 +25,9 @@ from jaxshroud.march.method import Choices
 from jaxshroud.model.arithmetic import Scalar, Symbolic, filled
 from jaxshroud.model.blade import rate_of_motion
 from jaxshroud.model.linear import free_rms_displacement
-from jaxshroud.model.prepared import State, initial_state, prepared_model
+from jaxshroud.model.prepared import State, initial_state
 from jaxshroud.model.rhs import Recorded
-from jaxshroud.model.row import alone, prepared_row, row_rhs, state_of_row
+from jaxshroud.model.row import alone, prepared_row, row_rhs
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.other_parts import with_parts
 from jaxshroud.scene.scene import Scene, without_given
@@ -161,7 +161,7 @@ def adaptive_gap_slopes(scenes: Scene, periods: int, solver: str, rtol: float) -
 
 def _first_state(scene: Scene) -> State:
     """The state of a pair at t = 0, along unrolled axes."""
-    return state_of_row(carried_state(initial_state(scene.initial), prepared_model(scene)))
+    return carried_state(initial_state(scene.initial), prepared_row(scene))
 
 
 def _start(scene: Scene) -> MovingState:

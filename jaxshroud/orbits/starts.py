@@ -10,10 +10,11 @@ from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import carried_state, final_states, motion_rows, states_apart
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.cache.programs import kept
-from jaxshroud.march.events import place_contact
+from jaxshroud.march.log import penetrations
 from jaxshroud.model.linear import free_reach, steady_amplitudes
 from jaxshroud.model.modes import Status
-from jaxshroud.model.prepared import State, initial_state, prepared_model
+from jaxshroud.model.prepared import State, initial_state
+from jaxshroud.model.row import alone, prepared_row
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.quantities import DISPLACEMENTS
@@ -83,11 +84,10 @@ def _overlap(scene: Scene, motions: Motion):
 
 @kept()
 def _overlaps(scene: Scene, motions: Motion):
-    model = prepared_model(scene)
+    model = prepared_row(scene)
 
     def depth(motion: Motion):
-        state = carried_state(initial_state(motion, scene.points), model)
-        return place_contact(state.motion, state, model)[2].v
+        return penetrations(carried_state(initial_state(motion, scene.points), model), model, alone)[0]
 
     return jax.vmap(depth)(motions)
 

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.marches import march_of
-from jaxshroud.batch.operation_count import TrialSize
+from jaxshroud.batch.operation_count import TrialSize, size_of_trial
 from jaxshroud.batch.runs import stepping_method
 from jaxshroud.cache.programs import kept
 from jaxshroud.march.events import model_events
@@ -96,7 +96,7 @@ def _trial_sizes(scene: Scene, method: Choices) -> tuple[TrialSize, TrialSize]:
     """The sizes of a trial step of the scene, 0 in closed form, and of the full model."""
 
     def size(scene):
-        return march_of(scene).trial_size(scene, method)
+        return size_of_trial(scene, method) if march_of(scene).steps else TrialSize(0, 0)
 
     full = size(with_parts(scene, Parts()))
     return full if scene.parts == Parts() else size(scene), full

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxshroud.batch.linear_runs import linear_amplitude_values
+from jaxshroud.batch.closed_form import linear_amplitude_values
 from jaxshroud.batch.plan import Progress
 from jaxshroud.linear.held_contact import LinearState, is_linear
 from jaxshroud.march.method import FOR_P_D

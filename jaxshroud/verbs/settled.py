@@ -9,7 +9,7 @@ from typing import cast, overload
 import jax
 import numpy as np
 
-from jaxshroud.batch.linear_runs import linear_status
+from jaxshroud.batch.closed_form import linear_status
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.linear.equilibrium import Equilibrium, rubs, static_equilibria
 from jaxshroud.linear.held_contact import LinearState, held_contact, is_linear, pressed_speeds, sprung

@@ -11,7 +11,7 @@ from jaxshroud.batch.states import from_vector, to_vector
 from jaxshroud.batch.tangents import direction, run_flow
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march import row_step as row_event_time
-from jaxshroud.march import taylor_trial
+from jaxshroud.march.locate import one_after_the_other
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import TaylorOptions, tableau
 from jaxshroud.model.modes import Mode, Status
@@ -100,12 +100,16 @@ def test_tangents_without_the_instants_of_events_are_wrong(monkeypatch):
     assert np.min(Course(ROWS["chain of 4"], naive).error()) > 1e-2
 
 
+def together(*args):
+    """The first of the events of an instant, which moves as the first of all does."""
+    first, _, left = one_after_the_other(*args)
+    return first, args[-1], left
+
+
 @pytest.mark.release
 @pytest.mark.full
 def test_simultaneous_events_have_instants_of_their_own(monkeypatch):
     # Control: events of one instant that move as the first of them does.
-    crossing = row_event_time.one_after_the_other
-    together = lambda *args: crossing(*args)._replace(is_root=crossing(*args).is_root & (args[1].search.length > 0))
     monkeypatch.setattr("jaxshroud.march.row_trial.one_after_the_other", together)
     naive = METHOD._replace(tableau=METHOD.rk._replace(name="together"))
     assert np.median(Course(ROWS["ring of 4 in anti-phase"], naive).error()) > 1e-3
@@ -115,11 +119,6 @@ def test_simultaneous_events_have_instants_of_their_own(monkeypatch):
 @pytest.mark.full
 def test_simultaneous_events_by_power_series_have_instants_of_their_own(monkeypatch):
     # Control: as above; an order of its own is compiled anew.
-    def together(fires, pending, moves):
-        first, left, _ = crossing(fires, pending, moves)
-        return first, left, moves
-
-    crossing = taylor_trial._one_after_the_other
-    monkeypatch.setattr(taylor_trial, "_one_after_the_other", together)
+    monkeypatch.setattr("jaxshroud.march.taylor_trial.one_after_the_other", together)
     naive = SERIES._replace(tableau=TaylorOptions(11, 1e-13))
     assert np.median(Course(ROWS["ring of 4 in anti-phase"], naive).error()) > 1e-3

@@ -73,7 +73,7 @@ def series(order: int, tolerance: float) -> Choices:
 def trials(p: Problem, method: Choices, steps: int) -> tuple[float, float]:
     """Trials and events of a lane in a period, on average."""
     scenes = scenes_of(p)
-    clock = Clock.from_phase_0(steps)
+    clock = Clock.of_steps(steps)
     model, periods = lane_models(scenes)
     fixed = Fixed(model, clock.grids(periods), jnp.full(len(p.gamma), steps, jnp.int32))
     on_its_way = lambda lanes: running(lanes, fixed.stop)
@@ -109,7 +109,7 @@ def prepare_scenes(scenes: Scene, method: Choices, chunk: int, periods: int) -> 
     begun = [begin_lanes(piece, initial_states(piece), method) for piece in pieces]
 
     def march(steps: int) -> np.ndarray:
-        clock = Clock.from_phase_0(steps)
+        clock = Clock.of_steps(steps)
         limits = one_call(periods)
         ends = [
             run_block(s, at_start_of_period(a), clock, limits, method, periods, best_mapping())[0]

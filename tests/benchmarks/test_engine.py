@@ -93,7 +93,7 @@ def test_many_lanes():
 def test_general_parameters():
     # The same chunk with every number of the scene in the lanes, or all but gamma as constants of the program.
     part, steps = problem(LANES_PER_CALL), 500
-    clock = Clock.from_phase_0(steps)
+    clock = Clock.of_steps(steps)
     scenes = engine.scenes_of(part)
     lanes = begin_lanes(scenes, initial_states(scenes), FAST)
     numbers = jax.tree.map(lambda a: float(a[0]), lane_models(scenes)[0])

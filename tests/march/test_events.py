@@ -68,7 +68,7 @@ def seen(held: State, row: RowModel) -> GuardEvaluation:
 
 @eqx.filter_jit
 def _crossed(held: State, kind: jax.Array, row: RowModel, late: jax.Array) -> tuple[Transition, GuardEvaluation]:
-    event = transition(held.motion, held, view_in(held, row), kind, late, jnp.asarray(0.0), row.pair)
+    event = transition(held, view_in(held, row), kind, late, jnp.asarray(0.0), row.pair)
     return event, view_in(State(held.motion, event.after.u_s, event.after.mode, event.after.case), row)
 
 

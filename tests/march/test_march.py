@@ -16,7 +16,6 @@ from jaxshroud.march.tableau import tableau
 from jaxshroud.model.geometry import contact_kinematics, corners, natural_case, pose
 from jaxshroud.model.linear import steady_amplitudes
 from jaxshroud.model.linear_system import contact_gradients
-from jaxshroud.model.prepared import as_pairs
 
 GAMMAS = (0.3, 2.5, 4.2, 7.5)
 KINDS = ("onset_slip", "onset_stick", "separation", "stick_slip", "slip_stick")
@@ -345,7 +344,7 @@ def closest_gap(scene, free):
     block = corners(vary(scene, "shroud.gap", 0.0).shroud)
 
     def reach(z):
-        q = pose(*as_pairs(z)[:3])
+        q = pose(*z[:3])
         at = contact_kinematics(q, natural_case(q, block), block, frozenset())
         return at.v / at.normal[0]
 

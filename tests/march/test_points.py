@@ -14,7 +14,7 @@ from jaxshroud.march.method import choices
 from jaxshroud.model.geometry import contact_kinematics, pose
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import State, prepared_model
-from jaxshroud.model.rhs import placement
+from jaxshroud.model.rhs import loaded_contact
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.points import ContactPoints
@@ -196,7 +196,7 @@ def placed(points, q, rate=(0.0,) * 6):
     z = Motion(*(pair(values, i) for values in (q, rate) for i in (0, 2, 4)))
     slider = float(contact_kinematics(pose(z.x, z.y, z.theta), jnp.int32(0), model.block, frozenset()).u) - 1e-6
     state = State(z, (jnp.asarray(slider),) * points, (jnp.int32(Mode.STICK),) * points, jnp.int32(0))
-    return model, placement(state, model), state
+    return model, loaded_contact(state, model), state
 
 
 def test_forces_are_those_of_virtual_work_and_balance():
@@ -207,7 +207,7 @@ def test_forces_are_those_of_virtual_work_and_balance():
         at = contact_kinematics(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), jnp.int32(0), model.block, frozenset())
         return model.law.energy_at(at, model.law.stretch_at(at, state.u_s, state.mode), state.mode)
 
-    load = place.loaded.load
+    load = place.load
     found = np.array([load.R_x, -load.R_x, load.R_y, -load.R_y, *load.M])
     np.testing.assert_allclose(found, -jax.grad(energy)(jnp.asarray(q)), rtol=0, atol=1e-10 * np.abs(found).max())
     # Angular momentum: both moments, and that of the couple of forces at a distance of l_oa + gap between the centres.

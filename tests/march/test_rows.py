@@ -369,7 +369,7 @@ def test_a_maximum_right_after_an_event_does_not_hold_a_row_up():
     scenes = js.stack_scenes([js.load("table1", row).scene])
     begin = at_start_of_period(begin_lanes(scenes, initial_states(scenes), EXACT_ROW))
     limits = CallLimits(jnp.int32(2), jnp.int32(3000))  # some 320 trials a period
-    end, ended, _ = run_block(scenes, begin, Clock.from_phase_0(100), limits, EXACT_ROW, 2, best_mapping())
+    end, ended, _ = run_block(scenes, begin, Clock.of_steps(100), limits, EXACT_ROW, 2, best_mapping())
     assert (int(ended), end.lanes.status.tolist()) == (2, [Status.OK])
 
 

@@ -16,12 +16,12 @@ import jaxshroud as js
 from jaxshroud import Status, load, vary
 from jaxshroud.batch.runs import trajectories
 from jaxshroud.batch.sampling import SampleGrid
-from jaxshroud.batch.states import initial_states
+from jaxshroud.batch.states import carried_state, initial_states
 from jaxshroud.march.carry import Fixed, time_grid
 from jaxshroud.march.events import EVENTS
 from jaxshroud.march.extremes import _polynomial_maximum
 from jaxshroud.march.method import Choices, method_as_json, method_from_json
-from jaxshroud.march.row_guards import row_guards
+from jaxshroud.march.row_events import row_guards
 from jaxshroud.march.stepper import POWER_SERIES
 from jaxshroud.march.tableau import TaylorOptions, tableau
 from jaxshroud.march.taylor_events import first_event, return_length
@@ -32,7 +32,7 @@ from jaxshroud.model.arithmetic import Unrolled, is_zero
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import State, prepared_model
 from jaxshroud.model.rhs import Recorded
-from jaxshroud.model.row import alone, at_only_interface, clusters_of, prepared_row, row_rhs, state_of_row
+from jaxshroud.model.row import alone, at_only_interface, clusters_of, prepared_row, row_rhs
 from jaxshroud.model.series import Series, polynomial_value, polynomial_value_and_rate
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Contact
@@ -62,7 +62,7 @@ def held(rng: np.random.Generator) -> State:
 def expanded(state: State, scene) -> dict:
     """Numbers by the series `SHORT` after a state, and the same by the right-hand side and the guards there."""
     row = prepared_row(scene)
-    now = state_of_row(state)
+    now = carried_state(state, row)
     lane = eqx.tree_at(lambda lane: lane.state, POWER_SERIES.begin(now, row, COARSE, alone), now)
     start, period = jnp.asarray(0.13), scene.drive.period
     fixed = Fixed(row, time_grid(start, jnp.asarray(100.0), period), jnp.int32(100))

@@ -13,7 +13,7 @@ from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.stepper import stepper_for
 from jaxshroud.march.tableau import TaylorOptions
 from jaxshroud.model.prepared import initial_state
-from jaxshroud.model.row import alone, prepared_row, state_of_row
+from jaxshroud.model.row import alone, prepared_row
 
 METHODS = {"rk4": FAST, "power series": Choices(TaylorOptions(4, 1e-4), "series", False)}
 STEPS, TRIALS, GAPS = 40, 60, np.array([1e-5, 3e-5])
@@ -23,7 +23,7 @@ def lane_and_constants(gap, method, stop):
     """A lane at its start, and its constants."""
     scene = js.vary(js.load("table1", ['parts.motion=["x"]', 'parts.friction="none"']).scene, "shroud.gap", gap)
     model, grid = prepared_row(scene), time_grid(jnp.zeros_like(gap), jnp.full_like(gap, STEPS), scene.drive.period)
-    start = state_of_row(carried_state(initial_state(scene.initial), model.pair))
+    start = carried_state(initial_state(scene.initial), model)
     return stepper_for(method).begin(start, model, method, alone), Fixed(model, grid, stop)
 
 

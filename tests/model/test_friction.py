@@ -11,7 +11,7 @@ from pair_views import view_in
 from jaxshroud.march.event import first_kind
 from jaxshroud.march.events import EVENTS, transition
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.prepared import State, as_pairs, initial_state, prepared_law
+from jaxshroud.model.prepared import State, prepared_law
 from jaxshroud.model.row import RowModel, prepared_row
 from jaxshroud.model.spring_contact import BilinearContact, slip_sign
 from jaxshroud.scene.keys import Motion
@@ -28,16 +28,17 @@ def led(row: RowModel, motions: Motion) -> tuple[jax.Array, jax.Array]:
     """Friction force and slide along a prescribed motion, under the transitions of `events`."""
 
     def step(held: State, z: Motion) -> tuple[State, tuple[jax.Array, jax.Array]]:
-        view = view_in(State(z, held.u_s, held.mode, held.case), row)
+        stayed = State(z, held.u_s, held.mode, held.case)
+        view = view_in(stayed, row)
         violated = {kind: view.guards.value[kind] > 0 for kind in range(len(EVENTS))}
         due = jnp.any(jnp.stack(list(violated.values())))
-        fired = transition(z, held, view, first_kind(violated), jnp.asarray(0.0), jnp.asarray(0.0), row.pair).after
-        stayed = State(z, held.u_s, held.mode, held.case)
+        fired = transition(stayed, view, first_kind(violated), jnp.asarray(0.0), jnp.asarray(0.0), row.pair).after
         held = jax.tree.map(lambda a, b: jnp.where(due, a, b), fired, stayed)
         return held, (row.pair.law.friction_force(view.at.v, view.at.u, held.u_s, held.mode), view.at.u)
 
-    first = Motion._make(jnp.stack(pair) for pair in jax.tree.map(lambda a: a[0], motions))
-    return jax.lax.scan(step, as_pairs(initial_state(first)), motions)[1]
+    first = jax.tree.map(lambda a: a[0], motions)
+    apart = State(first, jnp.zeros(()), jnp.int32(Mode.APART), jnp.int32(0))
+    return jax.lax.scan(step, apart, motions)[1]
 
 
 def rubbed(scene, N: float) -> tuple[np.ndarray, np.ndarray]:
