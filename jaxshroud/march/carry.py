@@ -8,11 +8,10 @@ from collections.abc import Callable
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxshroud.march.accumulator import Accumulator, EnergyJumps, EventMargins
+from jaxshroud.march.accumulator import Accumulator, EventMargins
 from jaxshroud.march.event import Events, GuardEvaluation, Guards, any_of, case_switches
 from jaxshroud.march.events import (
     BUILT_IN_EVENTS,
@@ -194,7 +193,7 @@ class EventChange(NamedTuple):
     view: GuardEvaluation
     transition: Transition
     lift: Lift
-    jumps: EnergyJumps  # 0 without an event
+    springs: Scalar  # energy that the contact springs gain [J]; 0 without an event
 
 
 def change_at(
@@ -216,9 +215,9 @@ def change_at(
     change = transition(z, start, view, kind, delay, soon, model, rocks, events)
     lift = fire & _lifts(kind, start, change)
     apart = interface_mode(start.mode) == Mode.APART
-    jumps = jax.tree.map(lambda a: where(fire, a, 0.0), EnergyJumps(change.energy, change.dropped))
     onset = lift & apart
-    return EventChange(view, change, Lift(onset, onset & ~starts_in_overlap(view.at, delay), lift & ~apart), jumps)
+    lifts = Lift(onset, onset & ~starts_in_overlap(view.at, delay), lift & ~apart)
+    return EventChange(view, change, lifts, where(fire, change.energy, 0.0))
 
 
 def _lifts(kind: Int[Array, ""], start: State, change: Transition) -> Bool[Array, ""]:

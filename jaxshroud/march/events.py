@@ -60,7 +60,7 @@ from jaxshroud.model.geometry import (
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State, has_torsion, touches_at_corners
-from jaxshroud.model.rhs import EndTorques, parallel_mean, stored_energy
+from jaxshroud.model.rhs import EndTorques, parallel_mean
 from jaxshroud.scene.keys import Motion
 
 FLAT_PART = 1 / 24  # of a step: a rocking motion that returns sooner counts as flat contact in any case
@@ -220,12 +220,11 @@ NO_GUARD = Guard(ZERO, ZERO)
 
 
 class Transition(NamedTuple):
-    """A transition: the state after the event, and the energy that it adds and drops."""
+    """A transition: the state after the event, and the energy that it adds."""
 
     after: State
     guards: Guards  # of the mode after it
     energy: Scalar  # jump of the energy in the contact springs [J]
-    dropped: Scalar  # energy of the rocking motion that flat contact ends [J]; absent where the blocks do not turn
     kind: Int[Array, ""]
     before: State
 
@@ -248,7 +247,6 @@ def transition(
     """
     law = model.law
     at = view.at
-    unprojected = z
     case = _next_case(state, view, kind, soon, model, rocks) if touches_at_corners(model) else view.case
     becomes_flat = (case == FLAT) & (state.case != FLAT)
     if touches_at_corners(model):
@@ -263,10 +261,7 @@ def transition(
     guards = guard_values(new, contact_rates(new, z, case, model.reading), view.torques, after, case, model, events)
     energy = law.energy_at(new, law.stretch_at(new, u_s, mode), mode)
     energy = energy - law.energy_at(at, w, state.mode)
-    dropped = ZERO
-    if touches_at_corners(model):
-        dropped = where(becomes_flat, stored_energy(unprojected, model) - stored_energy(z, model), 0.0)
-    return Transition(after, guards, energy, dropped, kind, state)
+    return Transition(after, guards, energy, kind, state)
 
 
 def _as_parallel(z: Motion, model: Model) -> Motion:

@@ -168,7 +168,7 @@ def interface_change(
     u_s, mode, case = select(fire, (now.u_s, now.mode, now.case), (start.u_s, start.mode, start.case))
     becomes_flat = fire & (case == FLAT) & (start.case != FLAT)
     turned = any_of(case_switches(kind, events))
-    springs, v = lax.stop_gradient((change.jumps.springs, view.at.v))
+    springs, v = lax.stop_gradient((change.springs, view.at.v))
     counting = Ending(change.transition, fire, inside)
     takers = [one for one in takers_of_events(method) if one.name in counted]
     return InterfaceChange(

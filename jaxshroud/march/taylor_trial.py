@@ -324,7 +324,7 @@ def _square_by_contact(mode: Any, faces: dict[str, Any]) -> Scalar:
     law, block = model.law, model.block
     lever = jnp.maximum(block.a_x**2, block.b_x**2) + block.h_y**2
     k = _largest_present([law.normal_stiffness, law.tangential_stiffness], lever)
-    mobility = [sum(pair) for pair in model.mobility.inverse]
+    mobility = model.mobility.inverse
     held = k * (_largest_present(mobility[:2], lever) + lever * mobility[2])
     square = where(interface_mode(mode) == Mode.APART, 0.0, held)
     springs = [4 * kappa for kappa in faces["kappa"]]

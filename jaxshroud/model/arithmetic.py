@@ -241,15 +241,6 @@ def summed(terms: Iterable[Any]) -> Any:
     return reduce(operator.add, terms)
 
 
-def of_blade(i: int, *trees: Any) -> tuple[Any, ...]:
-    """The numbers of one blade in each of some trees of pairs."""
-
-    def own(tree):
-        return jax.tree.map(lambda pair: pair[i], tree, is_leaf=lambda a: type(a) is tuple)
-
-    return tuple(map(own, trees))
-
-
 def zeros_for(f: Callable[..., Any], *args: Any) -> Any:
     """Zeros of the shapes and types of `f(*args)`, of which nothing is computed."""
     return jax.tree.map(jnp.zeros_like, jax.eval_shape(f, *args))

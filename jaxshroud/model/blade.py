@@ -292,14 +292,16 @@ def modal_blades_of(modes: ModeNumbers, parts: Parts) -> ModalBlade:
     )
 
 
-def pair_by_modes(blades: ModalBlade, parts: Parts) -> ModalBlade:
-    """Two blades by modes, pairs of numbers, of which a rigid neighbour does not move."""
+def moving_pair(blades: AnyBlade, inverse: Any, parts: Parts) -> tuple[AnyBlade, Any]:
+    """Two blades and their inverse masses, pairs of numbers, of which a rigid neighbour does not move."""
 
     def moving(pair: Any) -> tuple[Any, Any]:
         left, right = (ZERO, ZERO) if is_zero(pair) else pair
         return left, right if parts.neighbour == "blade" else ZERO
 
-    return replace(blades, shapes=tuple(tuple(map(moving, row)) for row in blades.shapes))
+    if isinstance(blades, LumpedBlade):
+        return blades, InverseMasses._make(map(moving, inverse))
+    return replace(blades, shapes=tuple(tuple(map(moving, row)) for row in blades.shapes)), None
 
 
 def dot(row: Sequence[Any], numbers: Sequence[Any]) -> Any:

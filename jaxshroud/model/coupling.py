@@ -91,11 +91,6 @@ def mode_pulls(kappa: tuple[Any, ...], q: tuple[Any, ...], closed: bool) -> list
     return [sum_at_blades(pull, -pull, closed) for pull in pulls]
 
 
-def motions_of_pair(z: Motion) -> tuple[Motion, Motion]:
-    """The motions of both blades, from `Pair`s."""
-    return Motion._make(a[0] for a in z), Motion._make(a[1] for a in z)
-
-
 def _on_both_sides(z: Motion, closed: bool) -> tuple[Motion, Motion]:
     """The motion of the blade left of each interface, and of that right of it."""
 

@@ -1,4 +1,4 @@
-"""A scene prepared for stepping, with all that can be computed once per lane, and the state that it steps."""
+"""The contact of two neighbours prepared for stepping, and the state of a march."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -7,13 +7,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxshroud.model.arithmetic import ZERO, Scalar
-from jaxshroud.model.blade import InverseMasses, LumpedBlade, lumped_blades
+from jaxshroud.model.arithmetic import ZERO, Scalar, summed
+from jaxshroud.model.blade import InverseMasses
 from jaxshroud.model.contact_law import ContactLaw
-from jaxshroud.model.coupling import NeighbourSprings, neighbour_springs
-from jaxshroud.model.drive import Excitation, excitation
-from jaxshroud.model.geometry import Corners, corners, gyration
-from jaxshroud.model.linear import StaticPosition, free_reach, static_position, steady_amplitudes
+from jaxshroud.model.geometry import Corners, corners
+from jaxshroud.model.linear import free_reach, steady_amplitudes
 from jaxshroud.model.points_contact import PointsContact
 from jaxshroud.model.smooth_contact import SmoothContact
 from jaxshroud.model.spring_contact import BilinearContact, NoContact, SpringContact
@@ -52,46 +50,33 @@ def as_pairs(tree: Any) -> Any:
 class Mobility(NamedTuple):
     """What both blocks oppose to forces."""
 
-    inverse: InverseMasses  # of `Pair`s
+    inverse: InverseMasses  # against motions towards each other: the sums of both blocks
     share: Scalar  # I_1 / (I_1 + I_2)
     joint: Scalar  # I_1 I_2 / (I_1 + I_2): inertia against a turn of the blocks towards each other [kg m^2]
 
 
 class Model(eqx.Module):
-    """A scene prepared for stepping: everything that can be computed once per lane."""
+    """The contact of two neighbours prepared for stepping: everything that can be computed once per lane."""
 
-    blades: LumpedBlade  # or those that stand for blades by modes
     block: Corners
     law: ContactLaw
-    drive: Excitation
-    gyration: Scalar  # J_A / A [m^2]
     mobility: Mobility
-    static: StaticPosition | None  # from which power is measured; None: from rest
-    coupling: NeighbourSprings | None  # between the blades
     reading: frozenset[str] = eqx.field(static=True)
     parts: Parts = eqx.field(static=True)
 
 
 def prepared_model(scene: Scene) -> Model:
-    """The constants of a scene."""
-    s = scene.running_shroud
-    drive = excitation(scene.drive)
+    """The constants of the contact of a pair."""
     reading = scene.contact.reading
-    block = corners(s, reading, scene.contact.points)
-    law = prepared_law(scene)
-    size = gyration(s)
-    blades, block, drive, size = as_pairs((lumped_blades(scene.running_blades), block, drive, size))
-    static = as_pairs(static_position(scene))
-    mobility = _mobility(scene)
-    coupling = neighbour_springs(scene)
-    return Model(blades, block, law, drive, size, mobility, static, coupling, reading, scene.parts)
+    block = as_pairs(corners(scene.running_shroud, reading, scene.contact.points))
+    return Model(block, prepared_law(scene), _mobility(scene), reading, scene.parts)
 
 
 def _mobility(scene: Scene) -> Mobility:
     b, has = scene.resting_blades, scene.parts.has
 
     def of(name, mass):
-        return tuple(1 / mass[i] if has(name, i) else ZERO for i in (0, 1))
+        return summed(1 / mass[i] if has(name, i) else ZERO for i in (0, 1))
 
     share = b.I[0] / (b.I[0] + b.I[1]) if scene.parts.neighbour == "blade" else jnp.zeros_like(b.I[0])
     joint = b.I[1] * share if scene.parts.neighbour == "blade" else b.I[0]

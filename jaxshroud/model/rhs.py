@@ -5,11 +5,10 @@ How the faces of two blocks lie against each other, the forces of contact there,
 
 from typing import Any, NamedTuple
 
-from jaxshroud.model.arithmetic import ZERO, Pair, Scalar, is_zero, of_blade, sine_versine, where
+from jaxshroud.model.arithmetic import ZERO, Pair, Scalar, is_zero, sine_versine, where
 from jaxshroud.model.blade import AnyBlade
 from jaxshroud.model.contact import Load
 from jaxshroud.model.contact_law import ContactLoads, ContactPoint, Forces, Slider
-from jaxshroud.model.coupling import motions_of_pair
 from jaxshroud.model.drive import Excitation, Wave
 from jaxshroud.model.geometry import (
     Case,
@@ -197,11 +196,3 @@ def contact_effects(place: Placement, now: State, model: Model, recorded: Record
     point = contact_point(place.at, now.motion, now, place.case, model)
     lost = law.dissipated_power(point, forces) if recorded.ledger else None
     return ContactEffects(load, forces.u_s, lost, law.load_rates(point, forces) if recorded.loads else None)
-
-
-def stored_energy(z: Motion, model: Model) -> Scalar:
-    """The kinetic energy and the energy of the blades' springs, those between them included [J]."""
-    left, right = (blade.twice_energy(own) for own, blade in (of_blade(i, z, model.blades) for i in (0, 1)))
-    if model.coupling is not None:
-        left = left + model.coupling.twice_energy(*motions_of_pair(z))
-    return (left + right) / 2

@@ -44,8 +44,7 @@ from jaxshroud.model.blade import (
     BladeForces,
     blades_of_row,
     dot,
-    modal_blades_of,
-    pair_by_modes,
+    moving_pair,
 )
 from jaxshroud.model.coupling import (
     AeroMatrices,
@@ -60,7 +59,7 @@ from jaxshroud.model.coupling import (
     spring_energies,
 )
 from jaxshroud.model.drive import Excitation, excitation
-from jaxshroud.model.geometry import rotation
+from jaxshroud.model.geometry import gyration, rotation
 from jaxshroud.model.linear import StaticPosition, static_position
 from jaxshroud.model.modes import FLAT
 from jaxshroud.model.prepared import Model, State, as_pairs, prepared_model
@@ -163,49 +162,34 @@ def of_left_blade(tree: Any) -> Any:
     return jax.tree.map(lambda a: Unrolled(a[0]) if is_unrolled(a) else a, tree, is_leaf=is_unrolled)
 
 
-def _row_of_pair(model: Model, scene: Scene) -> RowModel:
-    """The row of a pair, unrolled."""
-    modes = scene.mode_numbers
-    blades, inverse = model.blades, model.mobility.inverse
-    if modes is not None:
-        blades = pair_by_modes(as_pairs(modal_blades_of(modes, scene.parts)), scene.parts)
-        inverse = None
-    return RowModel(
-        blades=along_blades(blades),
-        drive=along_blades(model.drive),
-        inverse=along_blades(inverse),
-        gyration=model.gyration,
-        static=along_blades(model.static),
-        interfaces=at_interface(model),
-        coupling=at_interface(model.coupling),
-        kappa=at_interface(() if modes is None else modes.kappa),
-        aero=None,
-        closed=False,
-        parts=model.parts,
-    )
-
-
 def prepared_row(scene: Scene) -> RowModel:
     """The constants of a row, or of a pair, which is an unrolled one; without an axis of lanes."""
     row = scene.row
     scene.check_modal_loads()
-    if row is None:
-        return _row_of_pair(prepared_model(scene), scene)
-    pairs = jax.vmap(lambda j: prepared_model(pair_at(scene, j)))(jnp.arange(row.interfaces))
     blades = blades_of_row(scene)
+    inverse = blades.inverse_masses(scene.parts)
     drive = excitation(scene.drive)
+    static = static_position(scene)
+    coupling = neighbour_springs(scene)
+    kappa = () if scene.mode_numbers is None else scene.mode_numbers.kappa
+    if row is None:
+        blades, inverse = moving_pair(*as_pairs((blades, inverse)), scene.parts)
+        blades, inverse, drive, static = map(along_blades, (blades, inverse, *as_pairs((drive, static))))
+        interfaces, coupling, kappa = at_interface((prepared_model(scene), coupling, kappa))
+    else:
+        interfaces = jax.vmap(lambda j: prepared_model(pair_at(scene, j)))(jnp.arange(row.interfaces))
     return RowModel(
-        blades,
-        drive,
-        blades.inverse_masses(scene.parts),
-        pairs.gyration[0],
-        static_position(scene),
-        pairs,
-        neighbour_springs(scene),
-        () if scene.mode_numbers is None else scene.mode_numbers.kappa,
-        aero_matrices(scene),
-        row.closed,
-        scene.parts,
+        blades=blades,
+        drive=drive,
+        inverse=inverse,
+        gyration=gyration(scene.running_shroud),
+        static=static,
+        interfaces=interfaces,
+        coupling=coupling,
+        kappa=kappa,
+        aero=aero_matrices(scene),
+        closed=row is not None and row.closed,
+        parts=scene.parts,
     )
 
 

@@ -12,10 +12,10 @@ from pair_views import rates_in
 
 import jaxshroud as js
 from jaxshroud.batch.xla import vmapped
-from jaxshroud.model.arithmetic import of_blade, sincos_turns
+from jaxshroud.model.arithmetic import sincos_turns
 from jaxshroud.model.drive import excitation
 from jaxshroud.model.linear import area, free_power, steady_amplitudes
-from jaxshroud.model.prepared import State, as_pairs
+from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Recorded
 from jaxshroud.model.row import prepared_row, row_rhs
 from jaxshroud.model.series import Series
@@ -145,10 +145,11 @@ def test_waves_have_the_rates_and_the_series_of_their_harmonics():
         def harmonics(self):
             return orders
 
-    drive, turns = as_pairs(excitation(Many(536.0, 0.0, 1.0, 1.0, 0.0))), jnp.asarray(0.137)
+    drive = excitation(Many(536.0, 0.0, 1.0, 1.0, 0.0))
+    blades = [jax.tree.map(lambda a, i=i: a[i], drive) for i in (0, 1)]
+    turns = jnp.asarray(0.137)
     start = [Series(lambda n, a=a: a) for a in sincos_turns(turns)]
-    for i in (0, 1):
-        (blade,) = of_blade(i, drive)
+    for i, blade in enumerate(blades):
         rates, series = blade.wave_rate(*sincos_turns(turns + 0.25)), blade.wave(*start)
         for (n, one), rate, terms in zip(orders.items(), rates, series, strict=True):
             angle = lambda tau, n=n, phase=float(one.phase[i]): n * tau + phase
@@ -156,7 +157,7 @@ def test_waves_have_the_rates_and_the_series_of_their_harmonics():
             assert float(rate) == pytest.approx(n * math.cos(angle(tau)), abs=1e-14 * (1 + n))
             total = sum(float(terms[k]) * 0.05**k for k in range(16))
             assert total == pytest.approx(math.sin(angle(later)), abs=1e-13)
-    force = of_blade(1, drive)[0].force("y", of_blade(1, drive)[0].wave(*sincos_turns(turns)))
+    force = blades[1].force("y", blades[1].wave(*sincos_turns(turns)))
     tau = 2 * math.pi * 0.137
     wanted = sum(float(one.F_y[1]) * math.sin(n * tau + float(one.phase[1])) for n, one in orders.items())
     assert float(force) == pytest.approx(wanted, rel=1e-13)
