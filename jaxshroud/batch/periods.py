@@ -258,7 +258,7 @@ def begin_period(lanes: Lane, model: RowModel, method: Choices, each: EachLane) 
 
     The sums of a sample start from zero: in float32, late periods would lose digits in a long sum.
     """
-    empty = accumulator_of_new_period(lanes.accumulator, model.blades.watched(lanes.state.motion), method)
+    empty = accumulator_of_new_period(lanes.accumulator, model.blades.watched(lanes.state.motion), model, method)
     return eqx.tree_at(lambda lane: lane.accumulator, lanes, empty), stored_energies(lanes.state, model, each)
 
 

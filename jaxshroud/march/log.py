@@ -4,7 +4,7 @@ What is logged, and how, stands in `logged`.
 """
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
@@ -28,7 +28,6 @@ from jaxshroud.model.row import (
     RowModel,
     alone,
     of_blades_that_count,
-    of_left_blade,
     over,
     pair_states,
 )
@@ -106,6 +105,13 @@ def _penetration_at(state: State, model: Model) -> Scalar:
     return place_contact(state.motion, state, model)[2].v
 
 
+def _numbers_for(one: Observable, of_faces: Any, of_blades: Any, model: RowModel) -> Any:
+    """The numbers that an observable takes, of interfaces, of all blades, or of those that count."""
+    if one.per == "interface":
+        return of_faces
+    return of_blades if one.per == "blade" else of_blades_that_count(of_blades, model)
+
+
 def new_log(state: State, at: OfInterfaces, model: RowModel, method: Choices, each: Each) -> Log:
     """The log of a row that starts from `state`; `at` are zeros."""
     motion = model.blades.watched(state.motion)
@@ -115,11 +121,7 @@ def new_log(state: State, at: OfInterfaces, model: RowModel, method: Choices, ea
     blades = Beginning(motion, zero, zero, None)
 
     def start(one):
-        if not is_unrolled(at):
-            return one.start(contact if one.per == "interface" else blades)
-        if one.per == "left blade":
-            return over(alone, one.start, of_left_blade(blades))
-        return over(alone, one.start, contact if one.per == "interface" else blades)
+        return over(alone, one.start, _numbers_for(one, contact, blades, model))
 
     return log_of({one.name: start(one) for one in observables_of(method)})
 
@@ -153,23 +155,19 @@ def _updated_log(log: Log, trial: AcceptedTrial, model: RowModel, method: Choice
     values = {
         one.name: one.update(value_in(log, one.name), contact if one.per == "interface" else blades) for one in together
     }
+    contact = contact._replace(
+        start=pair_states(trial.start, model),
+        end=both_sides(end, model.closed),
+        lift=trial.change.at.lift,
+        loads=trial.gain.loads,
+        model=model.interfaces,
+    )
     others = [one for one in observables if one.takes != "event" and one not in together]
-    at_interfaces = [one for one in others if one.per == "interface"]
-    if at_interfaces:
-        contact = contact._replace(
-            start=pair_states(trial.start, model),
-            end=both_sides(end, model.closed),
-            lift=trial.change.at.lift,
-            loads=trial.gain.loads,
-            model=model.interfaces,
-        )
-        values |= _updated_each(log, contact, at_interfaces, trial.by_series, each)
-    counted = [one for one in others if one.per == "left blade"]
-    if counted:
-        values |= _updated_each(log, of_blades_that_count(blades, model), counted, trial.by_series, each)
-    of_blades = [one for one in others if one not in (*at_interfaces, *counted)]
-    if of_blades:
-        values |= _updated_each(log, blades, of_blades, trial.by_series, each)
+    for per in get_args(Per):
+        alike = [one for one in others if one.per == per]
+        if alike:
+            numbers = _numbers_for(alike[0], contact, blades, model)
+            values |= _updated_each(log, numbers, alike, trial.by_series, each)
     return log_of(values | trial.change.at.counted)
 
 
@@ -201,18 +199,14 @@ def _updated_each(log: Log, trial: Any, observables: list[Observable], by_series
     return over(each, updated, {name: value_in(log, name) for name in names}, read, trial)
 
 
-def _reset(one: Observable, before: Any, z: Motion) -> Any:
-    if not is_unrolled(z.x):
-        return one.reset(before, z)
-    if one.per == "interface":
-        z = both_sides(z, False)
-    return over(alone, one.reset, before, of_left_blade(z) if one.per == "left blade" else z)
-
-
-def accumulator_of_new_period(accumulator: Accumulator, z: Motion, method: Choices) -> Accumulator:
+def accumulator_of_new_period(accumulator: Accumulator, z: Motion, model: RowModel, method: Choices) -> Accumulator:
     """The accumulator with the values of single periods reset, at the motion `z`."""
     integrals, jumps = jax.tree.map(jnp.zeros_like, (accumulator.integrals, accumulator.jumps))
     log = accumulator.log
+
+    def reset(one: Observable, before: Any) -> Any:
+        return over(alone, one.reset, before, _numbers_for(one, both_sides(z, model.closed), z, model))
+
     if log is not None:
-        log = log_of({one.name: _reset(one, value_in(log, one.name), z) for one in observables_of(method)})
+        log = log_of({one.name: reset(one, value_in(log, one.name)) for one in observables_of(method)})
     return Accumulator(integrals, jumps, log, accumulator.margins)

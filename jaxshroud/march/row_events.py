@@ -84,11 +84,9 @@ from jaxshroud.model.row import (
     blade_forces,
     clusters,
     coupling_energies,
-    joint_inertia,
     over,
     pair_states,
     rates_of_blades,
-    relative_torques,
 )
 
 ONLY_FORCES = Recorded()
@@ -103,7 +101,7 @@ def row_torques(state: State, wave: Any, model: RowModel, each: Each) -> tuple[A
     R = blade_forces(effects, model.blades.shroud(state.motion), model)
     own = rates_of_blades(state.motion, wave, R, model, ONLY_FORCES, each)
     own = model.blades.turning(own.acceleration)
-    return relative_torques(own, state.case, cluster, model), joint_inertia(cluster, model)
+    return cluster.torques(own, model), cluster.joint
 
 
 def interface_view(torque: Scalar, state: State, model: Model, events: Events = BUILT_IN_EVENTS) -> GuardEvaluation:

@@ -254,7 +254,7 @@ def _needed_steps(of: "_Fastest", method: Tableau | TaylorOptions) -> np.ndarray
 
 def lanes_that_auto_steps_follow(scenes: Scene) -> np.ndarray:
     """Whether "auto" steps of RK4 follow each lane (leading axis): others have numbers too large, or are too stiff."""
-    followed = _needed_steps(_fastest(scenes, 1), RK4) < MAX_AUTO_STEPS
+    followed = np.asarray(_needed_steps(_fastest(scenes, 1), RK4) < MAX_AUTO_STEPS)
     return followed.reshape(len(scenes.drive.omega), -1).all(axis=1)  # of a row: at every interface
 
 

@@ -279,8 +279,9 @@ def contact_forces_on_blades(effects: ContactEffects, model: RowModel) -> BladeF
 class Cluster(NamedTuple):
     """The blocks that are flat on each other, as matrices over blades; a block without a flat face is alone."""
 
+    flat: FlagOfInterfaces
     share: Any  # (N, N, lanes): of block k in the mean of the cluster of block i
-    inertia: OfBlades  # of the cluster of each block [kg m^2]
+    joint: OfInterfaces  # inertia against a turn towards each other of the clusters at each interface [kg m^2]
     before: Any  # (E, N, lanes): block k is in the cluster of the flat interface j, and not right of it
     all_round: Bool[Array, "..."]  # a closed row that is flat at every interface
 
@@ -288,19 +289,43 @@ class Cluster(NamedTuple):
         """The mean of each cluster, weighted by inertia, for each of its blocks."""
         return times_along(self.share, a)
 
+    def torques(self, own: OfBlades, model: RowModel) -> OfInterfaces:
+        """The torque on theta_j - theta_(j+1) of each interface with contact at the corner of its case [N m].
+
+        It is the inertia of both clusters against a turn towards each other times the relative angular acceleration; of
+        flat faces the torque that they pass on to the block right of them. See `torques_along_face`.
+
+        Args:
+            own: The angular acceleration of each block by itself, with contact at the corner of its case [rad/s^2].
+            model: The constants.
+        """
+        mean = self.mean(own)
+        apart = self.joint * (left_of_interfaces(mean, model.closed) - right_of_interfaces(mean, model.closed))
+        excess = model.blades.I * (own - mean)
+        torque = jnp.sum(jnp.where(self.before, excess[None], 0.0), axis=1)
+        passed = torque - jnp.where(self.all_round, jnp.mean(torque, axis=0), 0.0)[None]
+        return where(self.flat, passed, apart)
+
 
 class FlatPair(NamedTuple):
     """The `Cluster` of two blocks with one interface."""
 
-    flat: Any  # whether they are flat on each other
+    flat: FlagOfInterfaces  # whether they are flat on each other
     share: Any  # see `Mobility`, as is the next
-    joint: Any
+    joint: OfInterfaces
 
     def mean(self, a: Any) -> Any:
         """The mean of both blocks, weighted by inertia, where they are flat on each other, else their own numbers."""
         left, right = a
+        flat = self.flat[0]
         mean = right + self.share * (left - right)
-        return Unrolled(where(self.flat, mean, left), right if is_zero(right) else where(self.flat, mean, right))
+        return Unrolled(where(flat, mean, left), right if is_zero(right) else where(flat, mean, right))
+
+    def torques(self, own: Any, model: RowModel) -> Any:
+        """As of a `Cluster`."""
+        del model
+        left, right = own
+        return self.joint * (left - right)
 
 
 def clusters(case: CaseOfInterfaces, model: RowModel) -> Cluster | FlatPair:
@@ -310,7 +335,7 @@ def clusters(case: CaseOfInterfaces, model: RowModel) -> Cluster | FlatPair:
     closed = model.closed
     if is_unrolled(flat):
         mobility = model.interfaces.mobility
-        return FlatPair(flat[0], mobility.share[0], mobility.joint[0])
+        return FlatPair(flat, mobility.share[0], mobility.joint)
     breaks = jnp.cumsum(~flat, axis=0, dtype=jnp.int32)  # interfaces that are not flat, up to each
     label = jnp.concatenate([jnp.zeros_like(breaks[:1]), breaks[:-1] if closed else breaks])  # left of each block
     all_round = breaks[-1] == 0 if closed else jnp.zeros_like(flat[0])
@@ -322,53 +347,14 @@ def clusters(case: CaseOfInterfaces, model: RowModel) -> Cluster | FlatPair:
     inertia = jnp.sum(jnp.where(same, I[None], 0.0), axis=1)
     left = first if closed else first[:-1]
     before = flat[:, None] & same[: len(flat)] & (first[None] <= left[:, None])
-    return Cluster(jnp.where(same, I[None] / inertia[:, None], 0.0), inertia, before, all_round)
+    left, right = left_of_interfaces(inertia, closed), right_of_interfaces(inertia, closed)
+    share = jnp.where(same, I[None] / inertia[:, None], 0.0)
+    return Cluster(flat, share, left * right / (left + right), before, all_round)
 
 
 def clusters_of(state: State, model: RowModel) -> Cluster | FlatPair | None:
     """The blocks that are flat on each other; None where no blocks can be."""
     return clusters(state.case, model) if model.turns_by_events else None
-
-
-def passed_torques(own: OfBlades, cluster: Cluster, model: RowModel) -> OfInterfaces:
-    """The torque that each flat interface passes on to the block right of it [N m]; 0 elsewhere.
-
-    Args:
-        own: The angular acceleration of each block by itself, with contact at the corner of its case [rad/s^2].
-        cluster: The clusters of blocks.
-        model: The constants.
-    """
-    excess = model.blades.I * (own - cluster.mean(own))
-    torque = jnp.sum(jnp.where(cluster.before, excess[None], 0.0), axis=1)
-    return torque - jnp.where(cluster.all_round, jnp.mean(torque, axis=0), 0.0)[None]
-
-
-def relative_torques(
-    own: OfBlades, case: CaseOfInterfaces, cluster: Cluster | FlatPair, model: RowModel
-) -> OfInterfaces:
-    """The torque on theta_j - theta_(j+1) of each interface with contact at the corner of its case [N m].
-
-    It is the inertia of both clusters against a turn towards each other times the relative angular acceleration; of
-    flat faces the torque that they pass on. See `torques_along_face`.
-    """
-    if isinstance(cluster, FlatPair):
-        left, right = own
-        torque: Any = Unrolled(cluster.joint * (left - right))
-        return torque
-    mean = cluster.mean(own)
-    relative = left_of_interfaces(mean, model.closed) - right_of_interfaces(mean, model.closed)
-    apart = joint_inertia(cluster, model) * relative
-    return where(case == FLAT, passed_torques(own, cluster, model), apart)
-
-
-def joint_inertia(cluster: Cluster | FlatPair, model: RowModel) -> OfInterfaces:
-    """The inertia against a turn towards each other of the clusters left and right of each interface [kg m^2]."""
-    if isinstance(cluster, FlatPair):
-        joint: Any = Unrolled(cluster.joint)
-        return joint
-    left = left_of_interfaces(cluster.inertia, model.closed)
-    right = right_of_interfaces(cluster.inertia, model.closed)
-    return left * right / (left + right)
 
 
 def blade_positions(z: Motion) -> Means:
