@@ -32,7 +32,7 @@ from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import free_components, free_motion, free_propagators, steady_amplitudes
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
-from jaxshroud.model.rhs import Displacements, Means, Moments, position_at
+from jaxshroud.model.rhs import Displacements, Means, Moments, position_of
 from jaxshroud.model.row import along_blades, at_interface, prepared_row
 from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.keys import Motion
@@ -90,8 +90,8 @@ def free_extent(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> tuple
 def free_means(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> Means:
     """The mean position of the left block over the drive period that begins with the motion `first`."""
     t, weights = _gauss_rule(scene, nodes)
-    x, y, theta = free_course(scene, first, turns, t).displacement[:, 0].T
-    return jax.tree.map(lambda a: weights @ a, position_at(x, y, theta))
+    place = free_course(scene, first, turns, t).displacement[:, 0].T
+    return jax.tree.map(lambda a: weights @ a, position_of(place))
 
 
 def _at_turn(

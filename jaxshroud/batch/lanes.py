@@ -16,7 +16,6 @@ from jaxshroud.batch.states import carried_state, users_state
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.accumulator import Accumulator, EnergyJumps
 from jaxshroud.march.carry import EachLane, Lane
-from jaxshroud.march.events import place_contact
 from jaxshroud.march.forces_and_energy import (
     ContactForces,
     contact_spring_energy,
@@ -28,8 +27,7 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.row_events import row_contact_forces
 from jaxshroud.march.row_step import whole
 from jaxshroud.march.stepper import stepper_for
-from jaxshroud.model.arithmetic import any_along, filled, is_unrolled, is_zero, sincos_turns, total, where
-from jaxshroud.model.geometry import Kinematics
+from jaxshroud.model.arithmetic import any_along, filled, is_unrolled, is_zero, sincos_turns, total
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import Ledger
@@ -43,6 +41,7 @@ from jaxshroud.model.row import (
     over,
     pair_states,
     prepared_row,
+    turned_as_one,
 )
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
@@ -172,27 +171,14 @@ def canonical(state: State, model: RowModel, each: EachLane) -> State:
     """
     motion, u_s = state.motion, state.u_s
     if model.turns_by_events:
-        cluster = clusters(state.case, model)
-        flat = any_along(state.case == FLAT)
-
-        def level(a):
-            return where(flat, cluster.mean(a), a)
-
-        shroud = model.blades.shroud(motion)
-        motion = model.blades.with_turn(motion, level(shroud.theta), level(shroud.v_theta), model.inverse)
+        motion = turned_as_one(motion, clusters(state.case, model), any_along(state.case == FLAT), model)
     state = State(motion, u_s, state.mode, state.case)
     if is_zero(u_s) or model.interfaces.law.flows:
         return state
 
     def slider(state: State, model: Model) -> Any:
-        return _canonical_slider(place_contact(state.motion, state, model)[2], state, model)
+        sliders = slider_position(state, model)
+        return jax.tree.map(lambda u_s, mode: jnp.where(mode == Mode.APART, 0.0, u_s), sliders, state.mode)
 
     u_s = over(each, slider, pair_states(state, model), model.interfaces)
     return State(motion, u_s, state.mode, state.case)
-
-
-def _canonical_slider(at: Kinematics, state: State, model: Model) -> Any:
-    """The slider that the mode determines in slip and when apart; else that of the state."""
-    w = model.law.stretch_at(at, state.u_s, state.mode)
-    sliders = jax.tree.map(lambda w: at.u - w, w)
-    return jax.tree.map(lambda u_s, mode: jnp.where(mode == Mode.APART, 0.0, u_s), sliders, state.mode)

@@ -6,6 +6,7 @@ whole, and so are tangents along directions that do not repeat, by which stabili
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -21,7 +22,7 @@ from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.states import final_states, initial_states
 from jaxshroud.batch.stepped_runs import chunk_by_chunk, sampled_motions_of, select_lanes
 from jaxshroud.batch.stretches import Trajectories
-from jaxshroud.batch.threads import Interrupted
+from jaxshroud.batch.threads import Interrupted, changing_what_is_done
 from jaxshroud.linear.held_contact import is_linear
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import Tableau, TaylorOptions
@@ -71,11 +72,8 @@ def run_lanes(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: n
     scenes, states, copies = folded(without_given(scenes), states)
     arrived = np.zeros(len(scenes.drive.omega), bool) if arrived is None else arrived
     lane_periods = len(scenes.drive.omega) * (plan.transient + plan.kept)
-    try:
-        with counted("lane-periods", lane_periods) as count:
-            return unfolded_runs(march_of(scenes).run(scenes, states, plan, both(count, ticker), arrived), copies)
-    except Interrupted as stopped:
-        raise Interrupted(stopped.done and unfolded_runs(stopped.done, copies)) from None
+    with counted("lane-periods", lane_periods) as count, changing_what_is_done(partial(unfolded_runs, copies=copies)):
+        return unfolded_runs(march_of(scenes).run(scenes, states, plan, both(count, ticker), arrived), copies)
 
 
 def trajectories(scenes: Scene, states: State, grid: SampleGrid, method: Choices, ticker: Tick) -> Trajectories:
@@ -133,10 +131,8 @@ def independent_runs(
     def shaped(runs):
         return jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), runs)
 
-    try:
+    with changing_what_is_done(shaped):
         return shaped(run_lanes(flat, initial_states(flat) if begin is None else begin, plan, ticker))
-    except Interrupted as stopped:
-        raise Interrupted(stopped.done and shaped(stopped.done)) from None
 
 
 def continued_runs(

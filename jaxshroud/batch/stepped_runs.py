@@ -35,8 +35,8 @@ from jaxshroud.batch.sampling import (
     march_by_steps,
     march_by_trials,
 )
-from jaxshroud.batch.stretches import SampledAmplitudes, Trajectories, march_in_stretches, values_by_name
-from jaxshroud.batch.threads import Check, Interrupted, concatenated_lanes, in_chunks
+from jaxshroud.batch.stretches import SampledRun, Trajectories, march_in_stretches, values_by_name
+from jaxshroud.batch.threads import Check, changing_what_is_done, concatenated_lanes, in_chunks
 from jaxshroud.batch.xla import best_mapping
 from jaxshroud.march.accumulator import Accumulator
 from jaxshroud.march.forces_and_energy import is_unbalanced
@@ -61,14 +61,11 @@ def stepped_runs(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived
     def run(chunk, tick):
         return _run_chunk(chunk, plan, pace, tick)
 
-    try:
+    def joined(runs):
+        return concatenated_lanes(runs, len(arrived))
+
+    with changing_what_is_done(lambda runs: completed_runs(runs, joined)):
         return chunk_by_chunk(run, (scenes, states, arrived), ticker, width)
-    except Interrupted as stopped:
-
-        def joined(runs):
-            return concatenated_lanes(runs, len(arrived))
-
-        raise Interrupted(completed_runs(stopped.done, joined)) from None
 
 
 def chunk_by_chunk(run: Callable[[Any, Tick], Tree], lanes: Any, ticker: Tick, width: int = LANES_PER_CALL) -> Tree:
@@ -159,55 +156,24 @@ def in_float64(a) -> np.ndarray:
     return np.asarray(a, float) if np.issubdtype(np.asarray(a).dtype, np.floating) else np.asarray(a)
 
 
-class SampledLanes(NamedTuple):
-    """Lanes (leading axis) that were marched step by step, with samples."""
-
-    samples: dict[str, Any]  # as of `Trajectories`, and so are the amplitudes and the events
-    amplitudes: SampledAmplitudes | None
-    last: Any  # the lanes at the end
-    energies: tuple[np.ndarray, np.ndarray]  # stored before and after [J]
-    events: dict[str, Any] | None
-
-
 def with_loads_of_rows(scenes: Scene, method: Choices) -> Choices:
     """The method by which lanes with samples are marched: what wears their faces is integrated in rows."""
     return method._replace(loads=scenes.layout != PAIR)
 
 
-def sampled_lanes(scenes: Scene, states: State, grid: SampleGrid, method: Choices, tick: Tick) -> SampledLanes:
-    """March lanes (leading axis) and keep samples; `tick` gets the number of further steps."""
-    method = with_loads_of_rows(scenes, method)
-    lanes, first = _begin_sampled(scenes, states, grid, method)
-    before = np.asarray(energies_of_lanes(scenes, lanes, best_mapping()))
+def _run_with_samples(
+    scenes: Scene, states: State, grid: SampleGrid, method: Choices, tick: Tick
+) -> tuple[Any, SampledRun]:
+    """The lanes (leading axis) at their start, and their march; `tick` gets the number of further steps."""
+    lanes = begin_lanes(scenes, states, method)
+    first = first_sample(scenes, lanes, grid.clock(scenes, method), grid.forces)
     march = partial(_march_stretch, scenes, grid=grid, method=method, tick=tick)
-    run = march_in_stretches(march, scenes, lanes, first, grid)
-    at_events = None
-    if run.events is not None:
-        at_events = values_by_name(run.events.states)
-        after = np.where(run.events.steps == 0, -1, run.events.samples)  # the first sample follows what happens at once
-        at_events |= {"t": run.events.steps[None], "after": after[None]}
-    return SampledLanes(
-        samples=values_by_name(run.samples),
-        amplitudes=run.amplitudes,
-        last=jax.tree.map(np.asarray, run.lanes),
-        energies=(before, np.asarray(energies_of_lanes(scenes, run.lanes, best_mapping()))),
-        events=at_events,
-    )
+    return lanes, march_in_stretches(march, scenes, lanes, jax.tree.map(np.asarray, first), grid)
 
 
 def sampled_motions_of(scenes: Scene, states: State, grid: SampleGrid, method: Choices, tick: Tick) -> Motion:
     """The motion of the samples of lanes (leading axis) alone."""
-    grid = grid._replace(forces=False)
-    lanes, first = _begin_sampled(scenes, states, grid, method)
-    march = partial(_march_stretch, scenes, grid=grid, method=method, tick=tick)
-    return march_in_stretches(march, scenes, lanes, first, grid).samples.state.motion
-
-
-def _begin_sampled(scenes: Scene, states: State, grid: SampleGrid, method: Choices) -> tuple[Any, Any]:
-    """The lanes at their start, and their samples there."""
-    lanes = begin_lanes(scenes, states, method)
-    first = first_sample(scenes, lanes, grid.clock(scenes, method), grid.forces)
-    return lanes, jax.tree.map(np.asarray, first)
+    return _run_with_samples(scenes, states, grid._replace(forces=False), method, tick)[1].samples.state.motion
 
 
 def _march_stretch(
@@ -221,12 +187,21 @@ def _march_stretch(
 
 def stepped_trajectories(scenes: Scene, states: State, grid: SampleGrid, method: Choices, ticker: Tick) -> Trajectories:
     """The trajectories of lanes (leading axis), in chunks that share one compiled function."""
+    method = with_loads_of_rows(scenes, method)
 
-    def run(chunk, tick):
-        return sampled_lanes(chunk[0], chunk[1], grid, method, tick)
+    def run(chunk: tuple[Scene, State], tick: Tick) -> Any:
+        scenes = chunk[0]
+        lanes, run = _run_with_samples(*chunk, grid, method, tick)
+        energies = [np.asarray(energies_of_lanes(scenes, of, best_mapping())) for of in (lanes, run.lanes)]
+        events = None
+        if run.events is not None:
+            # the first sample follows what happens at once
+            after = np.where(run.events.steps == 0, -1, run.events.samples)
+            events = values_by_name(run.events.states) | {"t": run.events.steps[None], "after": after[None]}
+        return values_by_name(run.samples), run.amplitudes, jax.tree.map(np.asarray, run.lanes), energies, events
 
     marched = chunk_by_chunk(run, (scenes, states), ticker, lanes_per_call(scenes.layout))
-    last, (before, after) = marched.last, marched.energies
+    samples, amplitudes, last, (before, after), events = marched
     with np.errstate(invalid="ignore"):  # of energies that overflowed
         balance = energy_balance(last.accumulator, after - before)
         integrals = jax.tree.leaves((last.accumulator.integrals, after - before))
@@ -236,17 +211,17 @@ def stepped_trajectories(scenes: Scene, states: State, grid: SampleGrid, method:
         astray = is_unbalanced(*map(jnp.asarray, (balance.residual, balance.works.gross, before, after)))
         status = np.where((status == Status.OK) & np.asarray(astray), Status.UNBALANCED, status)
     log = at_only_interface(last.accumulator.log)
-    counters = filled(log.counters, marched.samples["mode"][:, 0])
+    counters = filled(log.counters, samples["mode"][:, 0])
     return Trajectories(
-        samples=marched.samples,
-        amplitudes=marched.amplitudes,
+        samples=samples,
+        amplitudes=amplitudes,
         status=status,
         counters={name: np.asarray(a) for name, a in vars(counters).items()},
         energy=_energy_values(balance, len(before)),
         loads=at_only_interface(last.accumulator.integrals.loads),
         times=log.times,
         last=last,
-        events=marched.events,
+        events=events,
     )
 
 

@@ -87,6 +87,7 @@ from jaxshroud.model.row import (
     over,
     pair_states,
     rates_of_blades,
+    turned_as_one,
 )
 
 ONLY_FORCES = Recorded()
@@ -320,16 +321,9 @@ def as_flat(state: State, becomes_flat: FlagOfInterfaces, model: RowModel, each:
     """
     if not model.turns_by_events:
         return state, no_time(state)
-    z = state.motion
-    cluster = clusters(state.case, model)
     now = any_along(becomes_flat)
-
-    def as_one(a):
-        return where(now, cluster.mean(a), a)
-
-    shroud = model.blades.shroud(z)
-    parallel = model.blades.with_turn(z, as_one(shroud.theta), as_one(shroud.v_theta), model.inverse)
-    before, now_parallel, still = lax.stop_gradient((z, parallel, model))
+    parallel = turned_as_one(state.motion, clusters(state.case, model), now, model)
+    before, now_parallel, still = lax.stop_gradient((state.motion, parallel, model))
     lost = total(blade_energies(before, still, each) - blade_energies(now_parallel, still, each))
     if not is_zero(between := coupling_energies(before, still)):
         lost = lost + total(between - coupling_energies(now_parallel, still))

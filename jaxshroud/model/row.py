@@ -72,9 +72,8 @@ from jaxshroud.model.rhs import (
     Recorded,
     StateDerivative,
     blade_mean_square,
-    blade_works,
     contact_effects,
-    position_at,
+    position_of,
 )
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import Parts
@@ -142,11 +141,6 @@ def at_interface(tree: Any) -> Any:
 def at_only_interface(tree: Any) -> Any:
     """The inverse of `at_interface`."""
     return jax.tree.map(lambda a: a[0] if is_unrolled(a) else a, tree, is_leaf=is_unrolled)
-
-
-def of_left_blade(tree: Any) -> Any:
-    """A tree along an unrolled axis of blades with the left one alone."""
-    return jax.tree.map(lambda a: Unrolled(a[0]) if is_unrolled(a) else a, tree, is_leaf=is_unrolled)
 
 
 def prepared_row(scene: Scene) -> RowModel:
@@ -357,19 +351,18 @@ def clusters_of(state: State, model: RowModel) -> Cluster | FlatPair | None:
     return clusters(state.case, model) if model.turns_by_events else None
 
 
-def blade_positions(z: Motion) -> Means:
-    """The position of each blade."""
-    return position_at(z.x, z.y, z.theta)
-
-
 def of_blades_that_count(tree: Any, model: RowModel) -> Any:
     """A tree along an axis of blades with those that count: the left one of a pair, all of a row."""
-    return of_left_blade(tree) if model.is_pair else tree
+
+    def counting(a: Any) -> Any:
+        return Unrolled(a[0]) if is_unrolled(a) else a
+
+    return jax.tree.map(counting, tree, is_leaf=is_unrolled) if model.is_pair else tree
 
 
 def positions_that_count(z: Motion, model: RowModel) -> Means:
     """The position of each blade that counts."""
-    return over(alone, blade_positions, of_blades_that_count(z, model))
+    return over(alone, position_of, of_blades_that_count(z, model))
 
 
 class BladeRates(NamedTuple):
@@ -397,8 +390,8 @@ def blade_rates(
     Q = drive.wave(*wave)
     shroud = blade.shroud(z)
     acceleration = blade.accelerations(z, Q, drive, R, inverse)
-    work, viscous = blade_works(z, Q, blade, drive) if recorded.ledger else (None, None)
-    means = blade_positions(shroud) if recorded.means else None
+    work, viscous = (blade.drive_power(z, Q, drive), blade.viscous_power(z)) if recorded.ledger else (None, None)
+    means = position_of(shroud) if recorded.means else None
     power = blade_mean_square(shroud.x, shroud.y, *rotation(shroud.theta), gyration, static)
     return BladeRates(acceleration, power, work, viscous, means)
 
@@ -453,6 +446,13 @@ def row_rhs(
 def in_one_ledger(work: Any, model: RowModel) -> Any:
     """Works along an axis as a ledger has them: of a pair their sum, of a row each by itself."""
     return total(work) if model.is_pair else work
+
+
+def turned_as_one(z: Any, cluster: Cluster | FlatPair, when: Any, model: RowModel) -> Any:
+    """The motion where blocks that are flat on each other turn as one, with their angular momentum, `when` that is."""
+    shroud = model.blades.shroud(z)
+    theta, v_theta = (where(when, cluster.mean(a), a) for a in (shroud.theta, shroud.v_theta))
+    return model.blades.with_turn(z, theta, v_theta, model.inverse)
 
 
 def coupling_losses(z: Any, model: RowModel) -> Any:
