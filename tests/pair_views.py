@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 
-from jaxshroud.batch.states import carried_state
+from jaxshroud.batch.lanes import carried_state
 from jaxshroud.march.events import GuardEvaluation
 from jaxshroud.march.row_events import interface_view, row_torques
 from jaxshroud.model.prepared import State

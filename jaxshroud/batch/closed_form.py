@@ -13,12 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.batch.lanes import begin_lanes
+from jaxshroud.batch.lanes import begin_lanes, carried_state, states_apart
 from jaxshroud.batch.limits import check_memory
 from jaxshroud.batch.periods import Sample, sample_of_users
 from jaxshroud.batch.plan import Plan, RunLog, Runs, Tick, run_log
 from jaxshroud.batch.sampling import MAX_UNKEPT, SAMPLES_PER_BLOCK, SampleGrid
-from jaxshroud.batch.states import carried_state, states_apart
 from jaxshroud.batch.stretches import RunningAmplitudes, SampledAmplitudes, Trajectories
 from jaxshroud.cache.programs import kept
 from jaxshroud.linear.linear_motion import LinearMotion

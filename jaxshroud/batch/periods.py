@@ -16,11 +16,11 @@ from jaxshroud.batch.lanes import (
     lanes_first,
     lanes_last,
     ledger_of,
+    on_last_axis,
     residual_of_energy,
     stored_energies,
 )
 from jaxshroud.batch.limits import CallPace
-from jaxshroud.batch.states import on_last_axis
 from jaxshroud.batch.xla import compiled, has_several_kernels, repeated_while
 from jaxshroud.march.accumulator import Log, mean_position
 from jaxshroud.march.carry import EachLane, Fixed, Lane, TimeGrid, running, time_grid

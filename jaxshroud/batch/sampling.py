@@ -12,7 +12,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.batch.lanes import Sampled, lane_models, lanes_first, lanes_last, sampled
+from jaxshroud.batch.lanes import Sampled, events_at_start, lane_models, lanes_first, lanes_last, next_at_start, sampled
 from jaxshroud.batch.limits import CallPace
 from jaxshroud.batch.periods import (
     CallLimits,
@@ -24,7 +24,6 @@ from jaxshroud.batch.periods import (
     marched_block,
     with_clock_reset,
 )
-from jaxshroud.batch.states import events_at_start, next_at_start
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.carry import EachLane, Fixed, Lane, TimeGrid, running
 from jaxshroud.march.method import Choices

@@ -14,9 +14,9 @@ from side_by_side import counts, ends, energy_residual, relative_error, run, sce
 
 import jaxshroud as js
 from jaxshroud import Status, load, vary
+from jaxshroud.batch.lanes import carried_state, initial_states
 from jaxshroud.batch.runs import trajectories
 from jaxshroud.batch.sampling import SampleGrid
-from jaxshroud.batch.states import carried_state, initial_states
 from jaxshroud.march.carry import Fixed, time_grid
 from jaxshroud.march.events import EVENTS
 from jaxshroud.march.extremes import _polynomial_maximum
