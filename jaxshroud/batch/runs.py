@@ -239,7 +239,7 @@ def continued_runs(
 class Folded(NamedTuple):
     """Lanes (leading axis) as they are marched."""
 
-    scenes: Scene
+    scenes: Any  # a `Scene`, or a `Dual` of two, on whose directions the states do not depend
     states: State
     copies: int  # of their rings that make the ring of the scenes; 1: it is whole
 
@@ -267,21 +267,13 @@ def _repeat_after(blades: int, states: State) -> bool:
     return all(map(repeats, jax.tree.leaves(states)))
 
 
-class FoldedTangents(NamedTuple):
-    """Lanes (leading axis) with derivatives along directions, as they are marched."""
-
-    scenes: Dual
-    states: State  # which do not depend on the directions
-    copies: int  # as of `Folded`
-
-
-def folded_tangents(scenes: Dual, states: State) -> FoldedTangents:
+def folded_tangents(scenes: Dual, states: State) -> Folded:
     """Lanes with derivatives as they are marched: as `folded`, where the directions of all repeat as well."""
     small = folded(scenes.value, states)
     blades = small.scenes.layout.blades
     if small.copies == 1 or not has_period_of_blades(scenes.tangent, blades):
-        return FoldedTangents(scenes, states, 1)
-    return FoldedTangents(Dual(small.scenes, smaller_ring(scenes.tangent, blades)), small.states, small.copies)
+        return Folded(scenes, states, 1)
+    return Folded(Dual(small.scenes, smaller_ring(scenes.tangent, blades)), small.states, small.copies)
 
 
 def unfolded_flow(flow: Dual, copies: int) -> Dual:

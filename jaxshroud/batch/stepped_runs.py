@@ -1,9 +1,13 @@
-"""Periods and trajectories of many lanes step by step, in chunks on one thread per core and in short calls."""
+"""Periods and trajectories of many lanes step by step, in chunks on one thread per core and in short calls.
+
+Of lanes that have stopped because events follow each other without an end it is said which these are.
+"""
 
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -27,14 +31,7 @@ from jaxshroud.batch.periods import (
     sample_of_users,
 )
 from jaxshroud.batch.plan import Plan, Runs, Tick, completed_runs, run_log
-from jaxshroud.batch.sampling import (
-    SampledMarch,
-    SampleGrid,
-    Stretch,
-    first_sample,
-    march_by_steps,
-    march_by_trials,
-)
+from jaxshroud.batch.sampling import SampledMarch, SampleGrid, Stretch, first_sample, march_by_steps, march_by_trials
 from jaxshroud.batch.stretches import SampledRun, Trajectories, march_in_stretches, values_by_name
 from jaxshroud.batch.threads import Check, changing_what_is_done, concatenated_lanes, in_chunks
 from jaxshroud.batch.xla import best_mapping
@@ -260,3 +257,57 @@ def _energy_values(balance: EnergyBalance | None, lanes: int) -> dict[str, np.nd
         "energy_dropped": (balance.dropped / np.where(gain.gross > 0, gain.gross, 1.0)).astype(float),
         **{name: np.asarray(a, float) for name, a in {**works, **balance.of_blades}.items()},
     }
+
+
+def zeno_warning(scenes: Scene, runs: Runs, plan: Plan) -> str | None:
+    """The report on the first lane (leading axis) that stopped with TOO_MANY_EVENTS."""
+    whole = np.isfinite(runs.samples.power[..., 0]).sum(axis=-1)
+    period = np.where((whole > 0) | (plan.transient == 0), plan.transient + whole + 1, 0)
+    return zeno_report(scenes, runs.last, period, plan.clock, plan.method)
+
+
+def zeno_of_trajectories(scenes: Scene, marched: Trajectories, grid: SampleGrid, method: Choices) -> str | None:
+    """The same of trajectories."""
+    if not np.any(marched.status == Status.TOO_MANY_EVENTS):
+        return None
+    last, times = marched.last, marched.times
+    assert times is not None  # without steps there are no events
+    took = sum(np.asarray(a).reshape(len(last.status), -1)[:, 0] for a in times)  # the same at all interfaces
+    steps = took / grid.step_lengths(scenes)
+    whole = np.round((steps - last.step - last.search.done) / grid.steps).astype(int)
+    return zeno_report(scenes, last, whole + 1, grid.clock(scenes, method), with_loads_of_rows(scenes, method))
+
+
+def zeno_report(scenes: Scene, last: Any, period: np.ndarray, clock: Clock, method: Choices) -> str | None:
+    """One line on the first lane that stopped with TOO_MANY_EVENTS: which events alternate; None if there is none.
+
+    The lane continues from where it stopped until it stops again: the events of that time are those that alternate.
+
+    Args:
+        scenes: Scenes with a leading lane axis.
+        last: The lanes at the end, with the same axis.
+        period: The number of the period in which each lane stopped, (lanes,); 0 if it is unknown.
+        clock: The time grid.
+        method: The options of the march.
+    """
+    stopped = np.flatnonzero(np.asarray(last.status) == Status.TOO_MANY_EVENTS)
+    if not len(stopped):
+        return None
+    # as many as the compiled program has
+    copies = np.full(1 if len(period) == 1 else lanes_per_call(scenes.layout), stopped[0])
+    scene, lane = jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[copies]), (scenes, last))
+
+    def places(lane):
+        return (lane.status, lane.search.events)
+
+    again = eqx.tree_at(places, lane, (jnp.zeros_like(lane.status), jnp.zeros_like(lane.search.events)))
+    after: Any = run_periods(scene, again, clock, 1, method, CallPace(1024), lambda _: None, keep=False)[0]
+    counts = [vars(run_log(of).counters) for of in (lane, after)]
+    more = {n: int(np.sum(counts[1][n][0] - a[0])) for n, a in counts[0].items()}
+    events = ", ".join(f"{n} {name}" for name, n in sorted(more.items(), key=lambda item: -item[1]) if n)
+    done = (float(lane.step[0]) + float(lane.search.done[0])) / float(clock.per_period)
+    when = f"period {period[stopped[0]]}" if period[stopped[0]] else "a period of the transient"
+    cure = 'reading = "consistent", as misprinted forces contradict each other where cases meet'
+    if not scene.contact.reading:
+        cure = f"{2 * round(float(clock.per_period))} steps a period, or another tableau"
+    return f"at {done:.6f} of {when} these events follow each other without an end: {events}; try {cure}"

@@ -17,12 +17,11 @@ from jaxshroud.march.extremes import ContactSeries, MotionSeries
 from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Beginning, BladeTrial, InterfaceTrial, Lift, Observable, Per
-from jaxshroud.model.arithmetic import Scalar, both_sides, is_unrolled, where
+from jaxshroud.model.arithmetic import Scalar, both_sides, is_unrolled
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.row import (
-    CaseOfInterfaces,
     Each,
     OfInterfaces,
     RowModel,
@@ -71,11 +70,6 @@ class AcceptedTrial(NamedTuple):
     step: Int[Array, "..."]  # in which it was made
     next_step: Int[Array, "..."]  # in which the next one is made
     by_series: dict[str, Any] | None = None  # see `Observable.of_series`, by names; None for Runge-Kutta methods
-
-
-def mode_of_smooth_contact(v: OfInterfaces) -> CaseOfInterfaces:
-    """Whether faces touch, as a mode, at a penetration `v` [m]; smooth contact has no modes of its own."""
-    return where(v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS))
 
 
 def log_of(values: Mapping[str, Any]) -> Log:
@@ -174,11 +168,6 @@ def _updated_log(log: Log, trial: AcceptedTrial, model: RowModel, method: Choice
 def values_of_events(log: Log | None, method: Choices) -> dict[str, Any]:
     """The values of the observables that take the event; none where there is no log."""
     return {} if log is None else {one.name: value_in(log, one.name) for one in takers_of_events(method)}
-
-
-def takers_of_one(per: Per, method: Choices) -> list[Observable]:
-    """The observables whose functions take one interface, or one blade."""
-    return [one for one in observables_of(method) if one.per.endswith(per) and one.takes == "one"]
 
 
 def takers_of_events(method: Choices) -> list[Observable]:

@@ -49,10 +49,10 @@ from jaxshroud.march.log import (
     InterfaceChange,
     RowChange,
     takers_of_events,
-    takers_of_one,
     updated_accumulator,
     values_of_events,
 )
+from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Ending, Lift
 from jaxshroud.model.arithmetic import (
@@ -245,6 +245,7 @@ def interface_change(
     lift = Lift(onset, onset & ~starts_in_overlap(view.at, delay), ~was_apart & is_apart)
     counting = Ending(change, fire, inside)
     takers = [one for one in takers_of_events(method) if one.name in counted]
+    asked = any(one.per == "interface" and one.takes == "one" for one in observables_of(method))
     return InterfaceChange(
         u_s=u_s,
         mode=mode,
@@ -256,7 +257,7 @@ def interface_change(
         counted={one.name: one.update(counted[one.name], counting) for one in takers},
         v=v,
         margins=None if margins is None else _updated_margins(margins, change, view, lift, fire, model),
-        lift=lift if takers_of_one("interface", method) else None,
+        lift=lift if asked else None,
     )
 
 

@@ -114,14 +114,11 @@ class Excitation(eqx.Module):
 
     def force(self, name: str, wave: Wave) -> Any:
         """The force along x or y [N], or the moment on theta [N m], at a wave: a number, or a `Series` if it is one."""
-        return self._of_all("force", name, wave)
+        return summed(one.force(name, w) for one, w in zip(self.harmonics.values(), wave, strict=True))
 
     def on_mode(self, j: int, wave: Wave) -> Any:
         """The force on a mode itself [N kg^-1/2]; absent where there is none."""
-        return self._of_all("on_mode", j, wave)
-
-    def _of_all(self, method: str, of: Any, wave: Wave) -> Any:
-        return summed(getattr(one, method)(of, w) for one, w in zip(self.harmonics.values(), wave, strict=True))
+        return summed(one.on_mode(j, w) for one, w in zip(self.harmonics.values(), wave, strict=True))
 
     def power(self, wave: Wave, z: Motion) -> Any:
         """The power on a motion [W]."""

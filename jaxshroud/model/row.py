@@ -62,7 +62,7 @@ from jaxshroud.model.drive import Excitation, excitation
 from jaxshroud.model.geometry import gyration, rotation
 from jaxshroud.model.linear import StaticPosition, static_position
 from jaxshroud.model.modes import FLAT
-from jaxshroud.model.prepared import Model, State, prepared_model
+from jaxshroud.model.prepared import State, prepared_model
 from jaxshroud.model.rhs import (
     ContactEffects,
     Integrals,
@@ -111,11 +111,6 @@ class RowModel(eqx.Module):
     def is_pair(self) -> bool:
         """Whether it is an unrolled pair."""
         return is_unrolled(self.blades.I)
-
-    @property
-    def pair(self) -> Model:
-        """The pair, of an unrolled one."""
-        return at_only_interface(self.interfaces)
 
     @property
     def turns(self) -> bool:

@@ -10,7 +10,7 @@ from jaxshroud.batch.limits import STEP_BYTES, check_memory
 from jaxshroud.batch.plan import Progress, Ticker
 from jaxshroud.batch.runs import trajectories
 from jaxshroud.batch.sampling import SampleGrid
-from jaxshroud.batch.zeno import zeno_of_trajectories
+from jaxshroud.batch.stepped_runs import zeno_of_trajectories
 from jaxshroud.io.lane_status import warn_failures
 from jaxshroud.march.method import REFERENCE, Choices
 from jaxshroud.model.arithmetic import filled
