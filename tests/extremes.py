@@ -11,9 +11,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.batch.lanes import initial_states
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import initial_states
 from jaxshroud.march.method import FAST_WITH_LEDGER
 from jaxshroud.march.stability import steps_for
 from jaxshroud.model.linear import free_motion

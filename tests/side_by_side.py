@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxshroud.scene.other_parts
+from jaxshroud.batch.lanes import initial_states
 from jaxshroud.batch.plan import Plan, Runs
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import initial_states
 from jaxshroud.march.method import REFERENCE, Choices
 from jaxshroud.march.method_names import TABLEAUS
 from jaxshroud.march.tableau import tableau

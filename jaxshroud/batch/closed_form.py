@@ -13,12 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.batch.lanes import begin_lanes
+from jaxshroud.batch.lanes import begin_lanes, carried_state, states_apart
 from jaxshroud.batch.limits import check_memory
 from jaxshroud.batch.periods import Sample, sample_of_users
 from jaxshroud.batch.plan import Plan, RunLog, Runs, Tick, run_log
 from jaxshroud.batch.sampling import MAX_UNKEPT, SAMPLES_PER_BLOCK, SampleGrid
-from jaxshroud.batch.states import carried_state, states_apart
 from jaxshroud.batch.stretches import RunningAmplitudes, SampledAmplitudes, Trajectories
 from jaxshroud.cache.programs import kept
 from jaxshroud.linear.linear_motion import LinearMotion
@@ -32,7 +31,7 @@ from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import free_components, free_motion, free_propagators, steady_amplitudes
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
-from jaxshroud.model.rhs import Displacements, Means, Moments, position_at
+from jaxshroud.model.rhs import Displacements, Means, Moments, position_of
 from jaxshroud.model.row import along_blades, at_interface, prepared_row
 from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.keys import Motion
@@ -90,8 +89,8 @@ def free_extent(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> tuple
 def free_means(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> Means:
     """The mean position of the left block over the drive period that begins with the motion `first`."""
     t, weights = _gauss_rule(scene, nodes)
-    x, y, theta = free_course(scene, first, turns, t).displacement[:, 0].T
-    return jax.tree.map(lambda a: weights @ a, position_at(x, y, theta))
+    place = free_course(scene, first, turns, t).displacement[:, 0].T
+    return jax.tree.map(lambda a: weights @ a, position_of(place))
 
 
 def _at_turn(

@@ -12,9 +12,8 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from jaxshroud.batch.duals import Dual, differentiable, with_tangent
-from jaxshroud.batch.lanes import as_users_have, canonical, carried_states, lane_models, lanes_first
+from jaxshroud.batch.lanes import as_users_have, canonical, carried_states, lane_models, lanes_first, on_last_axis
 from jaxshroud.batch.periods import CallLimits, march, periods_within
-from jaxshroud.batch.states import on_last_axis
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.accumulator import EventMargins
 from jaxshroud.march.carry import EachLane, Fixed, Lane, PerLane, time_grid

@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxshroud.batch.lanes import lane_models, lanes_at_start
-from jaxshroud.batch.states import initial_states
+from jaxshroud.batch.lanes import initial_states, lane_models, lanes_at_start
 from jaxshroud.batch.xla import one_lane, vmapped
 from jaxshroud.cache.programs import kept
 from jaxshroud.march.carry import Fixed, Lane, time_grid

@@ -16,11 +16,11 @@ from jaxshroud.batch.lanes import (
     lanes_first,
     lanes_last,
     ledger_of,
+    on_last_axis,
     residual_of_energy,
     stored_energies,
 )
 from jaxshroud.batch.limits import CallPace
-from jaxshroud.batch.states import on_last_axis
 from jaxshroud.batch.xla import compiled, has_several_kernels, repeated_while
 from jaxshroud.march.accumulator import Log, mean_position
 from jaxshroud.march.carry import EachLane, Fixed, Lane, TimeGrid, running, time_grid
@@ -258,7 +258,7 @@ def begin_period(lanes: Lane, model: RowModel, method: Choices, each: EachLane) 
 
     The sums of a sample start from zero: in float32, late periods would lose digits in a long sum.
     """
-    empty = accumulator_of_new_period(lanes.accumulator, model.blades.watched(lanes.state.motion), method)
+    empty = accumulator_of_new_period(lanes.accumulator, model.blades.watched(lanes.state.motion), model, method)
     return eqx.tree_at(lambda lane: lane.accumulator, lanes, empty), stored_energies(lanes.state, model, each)
 
 

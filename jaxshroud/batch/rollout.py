@@ -10,13 +10,20 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int, PyTree
 
-from jaxshroud.batch.differentiable_samples import Schedule, differentiable_samples, trial_counts
 from jaxshroud.batch.flows import Flow, as_differentiable, begin_flow, end_flow, flow_constants
-from jaxshroud.batch.lanes import lane_models
-from jaxshroud.batch.marches import require_march
+from jaxshroud.batch.lanes import given_states, initial_states, lane_models
 from jaxshroud.batch.periods import LANES_PER_CALL, march, with_clock_reset
-from jaxshroud.batch.pure_functions import Moment, SampledMoments, SweepPlan, lane_outcomes, sampled_moments
-from jaxshroud.batch.states import given_states, initial_states
+from jaxshroud.batch.pure_functions import (
+    Moment,
+    SampledMoments,
+    Schedule,
+    SweepPlan,
+    differentiable_samples,
+    lane_outcomes,
+    sampled_moments,
+    trial_counts,
+)
+from jaxshroud.batch.runs import require_march
 from jaxshroud.batch.stopped import (
     Admitted,
     admit,

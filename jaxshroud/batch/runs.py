@@ -1,11 +1,13 @@
-"""Many lanes over many periods by the march of their scenes: all at once, along an axis, or with trajectories.
+"""How lanes are run, by stepping or in closed form: all at once, along an axis, or with trajectories.
 
 Where scenes ask for it, rings are marched by their sector: a smaller ring in their place, whose results are given as
 those of the whole one. It stays in motions that repeat from sector to sector. Whatever does not start so is marched
 whole, and so are tangents along directions that do not repeat, by which stability is judged.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -13,31 +15,84 @@ import jax
 import numpy as np
 
 from jaxshroud.activity import counted
+from jaxshroud.batch.closed_form import closed_form_runs, free_trajectories, settled_runs
 from jaxshroud.batch.duals import Dual
-from jaxshroud.batch.marches import march_of, require_march
+from jaxshroud.batch.lanes import final_states, initial_states
 from jaxshroud.batch.periods import lanes_per_call
 from jaxshroud.batch.plan import Plan, Runs, Tick, Ticker, both, completed_runs
 from jaxshroud.batch.sampling import SampleGrid
-from jaxshroud.batch.states import final_states, initial_states
-from jaxshroud.batch.stepped_runs import chunk_by_chunk, sampled_motions_of, select_lanes
+from jaxshroud.batch.stepped_runs import (
+    chunk_by_chunk,
+    sampled_motions_of,
+    select_lanes,
+    stepped_runs,
+    stepped_trajectories,
+)
 from jaxshroud.batch.stretches import Trajectories
-from jaxshroud.batch.threads import Interrupted
+from jaxshroud.batch.threads import Interrupted, changing_what_is_done
 from jaxshroud.linear.held_contact import is_linear
 from jaxshroud.march.method import Choices
+from jaxshroud.march.stepper import stepper_for
 from jaxshroud.march.tableau import Tableau, TaylorOptions
 from jaxshroud.model.modes import Status
-from jaxshroud.model.prepared import State
+from jaxshroud.model.prepared import State, law_type
+from jaxshroud.model.spring_contact import NoContact
+from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import Direction
-from jaxshroud.scene.scene import Scene, without_given
-from jaxshroud.scene.sector import (
-    asks_for_sector,
-    has_period_of_blades,
-    sector_blades,
-    smaller_ring,
-    whole_ring,
+from jaxshroud.scene.layout import (
+    COUPLED_WITHOUT_CONTACT,
+    NO_CONTACT,
+    PAIR,
+    Direction,
+    require_capability,
+    require_steps,
 )
+from jaxshroud.scene.scene import Scene, without_given
+from jaxshroud.scene.sector import asks_for_sector, has_period_of_blades, sector_blades, smaller_ring, whole_ring
 from jaxshroud.scene.typed import Tree
+
+
+class March(NamedTuple):
+    """How lanes are run. Numbers of blades have an axis `blades` in results, numbers of contact one of `interfaces`."""
+
+    run: Callable[[Scene, State, Plan, Tick, np.ndarray], Runs]
+    """The whole periods of a plan; see `runs.run_lanes`."""
+    trajectories: Callable[[Scene, State, SampleGrid, Choices, Tick], Trajectories]
+    """Samples at instants with all quantities of results; see `runs.trajectories`."""
+    steps: bool
+    """Whether it takes steps, or has a closed form."""
+
+    def stepping(self, method: Choices) -> Tableau | TaylorOptions | None:
+        """The method by which it steps; None in closed form."""
+        return method.tableau if self.steps else None
+
+
+STEPPED = March(stepped_runs, stepped_trajectories, steps=True)
+# Blades that never touch have a closed form; where tangents or motions alone are wanted, they are marched.
+WITHOUT_CONTACT = March(closed_form_runs, free_trajectories, steps=False)
+# Contact that is asked to stay in one state has a closed form too, of its settled motion.
+LINEAR = March(settled_runs, stepped_trajectories, steps=False)
+
+
+def march_of(scenes: Scene) -> March:
+    """The march of scenes, by their layout and their contact."""
+    if is_linear(scenes):
+        return LINEAR
+    return WITHOUT_CONTACT if scenes.layout == PAIR and scenes.parts.contact == "none" else STEPPED
+
+
+def require_march(scenes: Scene, method: Choices) -> None:
+    """Raise InputError unless the march of scenes and the stepper of the method know their contact and each other."""
+    require_steps(scenes.parts.contact)
+    stepper = stepper_for(method)
+    law = law_type(scenes)
+    if law is NoContact:
+        if scenes.is_coupled:
+            raise InputError(COUPLED_WITHOUT_CONTACT)
+        require_capability(NO_CONTACT, scenes.layout)
+    if not stepper.knows(law):
+        raise InputError(f"The method taylor knows located contact, not {law.called}; take a Runge-Kutta method.")
+
 
 SAME_STATE = 1e-12  # of the largest number of its kind: by which states of equal blades may differ
 TOTALS_OF_PERIODS = ("work", "gross", "viscous", "dropped", "residual")  # of a `Sample`, summed over the row
@@ -71,11 +126,8 @@ def run_lanes(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: n
     scenes, states, copies = folded(without_given(scenes), states)
     arrived = np.zeros(len(scenes.drive.omega), bool) if arrived is None else arrived
     lane_periods = len(scenes.drive.omega) * (plan.transient + plan.kept)
-    try:
-        with counted("lane-periods", lane_periods) as count:
-            return unfolded_runs(march_of(scenes).run(scenes, states, plan, both(count, ticker), arrived), copies)
-    except Interrupted as stopped:
-        raise Interrupted(stopped.done and unfolded_runs(stopped.done, copies)) from None
+    with counted("lane-periods", lane_periods) as count, changing_what_is_done(partial(unfolded_runs, copies=copies)):
+        return unfolded_runs(march_of(scenes).run(scenes, states, plan, both(count, ticker), arrived), copies)
 
 
 def trajectories(scenes: Scene, states: State, grid: SampleGrid, method: Choices, ticker: Tick) -> Trajectories:
@@ -133,10 +185,8 @@ def independent_runs(
     def shaped(runs):
         return jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), runs)
 
-    try:
+    with changing_what_is_done(shaped):
         return shaped(run_lanes(flat, initial_states(flat) if begin is None else begin, plan, ticker))
-    except Interrupted as stopped:
-        raise Interrupted(stopped.done and shaped(stopped.done)) from None
 
 
 def continued_runs(
@@ -189,7 +239,7 @@ def continued_runs(
 class Folded(NamedTuple):
     """Lanes (leading axis) as they are marched."""
 
-    scenes: Scene
+    scenes: Any  # a `Scene`, or a `Dual` of two, on whose directions the states do not depend
     states: State
     copies: int  # of their rings that make the ring of the scenes; 1: it is whole
 
@@ -217,21 +267,13 @@ def _repeat_after(blades: int, states: State) -> bool:
     return all(map(repeats, jax.tree.leaves(states)))
 
 
-class FoldedTangents(NamedTuple):
-    """Lanes (leading axis) with derivatives along directions, as they are marched."""
-
-    scenes: Dual
-    states: State  # which do not depend on the directions
-    copies: int  # as of `Folded`
-
-
-def folded_tangents(scenes: Dual, states: State) -> FoldedTangents:
+def folded_tangents(scenes: Dual, states: State) -> Folded:
     """Lanes with derivatives as they are marched: as `folded`, where the directions of all repeat as well."""
     small = folded(scenes.value, states)
     blades = small.scenes.layout.blades
     if small.copies == 1 or not has_period_of_blades(scenes.tangent, blades):
-        return FoldedTangents(scenes, states, 1)
-    return FoldedTangents(Dual(small.scenes, smaller_ring(scenes.tangent, blades)), small.states, small.copies)
+        return Folded(scenes, states, 1)
+    return Folded(Dual(small.scenes, smaller_ring(scenes.tangent, blades)), small.states, small.copies)
 
 
 def unfolded_flow(flow: Dual, copies: int) -> Dual:

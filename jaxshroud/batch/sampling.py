@@ -12,7 +12,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.batch.lanes import Sampled, lane_models, lanes_first, lanes_last, sampled
+from jaxshroud.batch.lanes import Sampled, events_at_start, lane_models, lanes_first, lanes_last, next_at_start, sampled
 from jaxshroud.batch.limits import CallPace
 from jaxshroud.batch.periods import (
     CallLimits,
@@ -24,7 +24,6 @@ from jaxshroud.batch.periods import (
     marched_block,
     with_clock_reset,
 )
-from jaxshroud.batch.states import events_at_start, next_at_start
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.carry import EachLane, Fixed, Lane, TimeGrid, running
 from jaxshroud.march.method import Choices
@@ -275,20 +274,15 @@ def turns_of(lanes: Lane, grids: TimeGrid) -> Float[Array, " lanes"]:
     return grids.start + (lanes.step.astype(grids.start.dtype) + lanes.search.done) * grids.turn
 
 
-@compiled("each", "forces")
-def sampled_now(scenes: Scene, lanes: Lane, clock: Clock, each: EachLane, forces: bool) -> Sampled:
-    """The sample of lanes (leading axis) where they are; NaN once a lane has stopped."""
+@compiled("each", "forces", "begun")
+def sampled_now(scenes: Scene, lanes: Lane, clock: Clock, each: EachLane, forces: bool, begun: bool = False) -> Sampled:
+    """The sample of lanes (leading axis) where they are; NaN once a lane has stopped.
+
+    Of lanes at their start that is once all has happened that happens at that instant, if the march is to have `begun`.
+    """
     model, period = lane_models(scenes)
     lanes = lanes_last(lanes)
-    return sampled(lanes.state, lanes.status, turns_of(lanes, clock.grids(period)), model, each, forces)
-
-
-@compiled("each", "forces")
-def sampled_once_begun(scenes: Scene, lanes: Lane, clock: Clock, each: EachLane, forces: bool) -> Sampled:
-    """The sample of lanes (leading axis) at their start once all has happened that happens at that instant."""
-    model, period = lane_models(scenes)
-    lanes = lanes_last(lanes)
-    turns = clock.grids(period).start
+    turns = turns_of(lanes, clock.grids(period))
     wave = each(sincos_turns, turns)
     now = lanes.state
 
@@ -296,7 +290,7 @@ def sampled_once_begun(scenes: Scene, lanes: Lane, clock: Clock, each: EachLane,
         after = next_at_start(now, start, interface_view(torque, now, model), model)
         return after.u_s, after.mode, after.case
 
-    for _ in range(events_at_start(model.interfaces)):
+    for _ in range(events_at_start(model.interfaces) if begun else 0):
         torque, _ = row_torques(now, wave, model, each)
         pairs = pair_states(now, model), pair_states(lanes.state, model)
         u_s, mode, case = over(each, at_interface, torque, *pairs, model.interfaces)
@@ -311,4 +305,4 @@ def first_sample(scenes: Scene, lanes: Lane, clock: Clock, forces: bool) -> Samp
     if first.forces is None:
         return first
     apart = np.asarray(interface_mode(by_point(first.state.mode, first.state.case))) == Mode.APART
-    return sampled_once_begun(scenes, lanes, *how) if np.any(apart & (np.asarray(first.forces.v) >= 0)) else first
+    return sampled_now(scenes, lanes, *how, begun=True) if np.any(apart & (np.asarray(first.forces.v) >= 0)) else first

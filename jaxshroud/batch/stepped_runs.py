@@ -1,9 +1,13 @@
-"""Periods and trajectories of many lanes step by step, in chunks on one thread per core and in short calls."""
+"""Periods and trajectories of many lanes step by step, in chunks on one thread per core and in short calls.
+
+Of lanes that have stopped because events follow each other without an end it is said which these are.
+"""
 
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -27,16 +31,9 @@ from jaxshroud.batch.periods import (
     sample_of_users,
 )
 from jaxshroud.batch.plan import Plan, Runs, Tick, completed_runs, run_log
-from jaxshroud.batch.sampling import (
-    SampledMarch,
-    SampleGrid,
-    Stretch,
-    first_sample,
-    march_by_steps,
-    march_by_trials,
-)
-from jaxshroud.batch.stretches import SampledAmplitudes, Trajectories, march_in_stretches, values_by_name
-from jaxshroud.batch.threads import Check, Interrupted, concatenated_lanes, in_chunks
+from jaxshroud.batch.sampling import SampledMarch, SampleGrid, Stretch, first_sample, march_by_steps, march_by_trials
+from jaxshroud.batch.stretches import SampledRun, Trajectories, march_in_stretches, values_by_name
+from jaxshroud.batch.threads import Check, changing_what_is_done, concatenated_lanes, in_chunks
 from jaxshroud.batch.xla import best_mapping
 from jaxshroud.march.accumulator import Accumulator
 from jaxshroud.march.forces_and_energy import is_unbalanced
@@ -61,14 +58,11 @@ def stepped_runs(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived
     def run(chunk, tick):
         return _run_chunk(chunk, plan, pace, tick)
 
-    try:
+    def joined(runs):
+        return concatenated_lanes(runs, len(arrived))
+
+    with changing_what_is_done(lambda runs: completed_runs(runs, joined)):
         return chunk_by_chunk(run, (scenes, states, arrived), ticker, width)
-    except Interrupted as stopped:
-
-        def joined(runs):
-            return concatenated_lanes(runs, len(arrived))
-
-        raise Interrupted(completed_runs(stopped.done, joined)) from None
 
 
 def chunk_by_chunk(run: Callable[[Any, Tick], Tree], lanes: Any, ticker: Tick, width: int = LANES_PER_CALL) -> Tree:
@@ -159,55 +153,24 @@ def in_float64(a) -> np.ndarray:
     return np.asarray(a, float) if np.issubdtype(np.asarray(a).dtype, np.floating) else np.asarray(a)
 
 
-class SampledLanes(NamedTuple):
-    """Lanes (leading axis) that were marched step by step, with samples."""
-
-    samples: dict[str, Any]  # as of `Trajectories`, and so are the amplitudes and the events
-    amplitudes: SampledAmplitudes | None
-    last: Any  # the lanes at the end
-    energies: tuple[np.ndarray, np.ndarray]  # stored before and after [J]
-    events: dict[str, Any] | None
-
-
 def with_loads_of_rows(scenes: Scene, method: Choices) -> Choices:
     """The method by which lanes with samples are marched: what wears their faces is integrated in rows."""
     return method._replace(loads=scenes.layout != PAIR)
 
 
-def sampled_lanes(scenes: Scene, states: State, grid: SampleGrid, method: Choices, tick: Tick) -> SampledLanes:
-    """March lanes (leading axis) and keep samples; `tick` gets the number of further steps."""
-    method = with_loads_of_rows(scenes, method)
-    lanes, first = _begin_sampled(scenes, states, grid, method)
-    before = np.asarray(energies_of_lanes(scenes, lanes, best_mapping()))
+def _run_with_samples(
+    scenes: Scene, states: State, grid: SampleGrid, method: Choices, tick: Tick
+) -> tuple[Any, SampledRun]:
+    """The lanes (leading axis) at their start, and their march; `tick` gets the number of further steps."""
+    lanes = begin_lanes(scenes, states, method)
+    first = first_sample(scenes, lanes, grid.clock(scenes, method), grid.forces)
     march = partial(_march_stretch, scenes, grid=grid, method=method, tick=tick)
-    run = march_in_stretches(march, scenes, lanes, first, grid)
-    at_events = None
-    if run.events is not None:
-        at_events = values_by_name(run.events.states)
-        after = np.where(run.events.steps == 0, -1, run.events.samples)  # the first sample follows what happens at once
-        at_events |= {"t": run.events.steps[None], "after": after[None]}
-    return SampledLanes(
-        samples=values_by_name(run.samples),
-        amplitudes=run.amplitudes,
-        last=jax.tree.map(np.asarray, run.lanes),
-        energies=(before, np.asarray(energies_of_lanes(scenes, run.lanes, best_mapping()))),
-        events=at_events,
-    )
+    return lanes, march_in_stretches(march, scenes, lanes, jax.tree.map(np.asarray, first), grid)
 
 
 def sampled_motions_of(scenes: Scene, states: State, grid: SampleGrid, method: Choices, tick: Tick) -> Motion:
     """The motion of the samples of lanes (leading axis) alone."""
-    grid = grid._replace(forces=False)
-    lanes, first = _begin_sampled(scenes, states, grid, method)
-    march = partial(_march_stretch, scenes, grid=grid, method=method, tick=tick)
-    return march_in_stretches(march, scenes, lanes, first, grid).samples.state.motion
-
-
-def _begin_sampled(scenes: Scene, states: State, grid: SampleGrid, method: Choices) -> tuple[Any, Any]:
-    """The lanes at their start, and their samples there."""
-    lanes = begin_lanes(scenes, states, method)
-    first = first_sample(scenes, lanes, grid.clock(scenes, method), grid.forces)
-    return lanes, jax.tree.map(np.asarray, first)
+    return _run_with_samples(scenes, states, grid._replace(forces=False), method, tick)[1].samples.state.motion
 
 
 def _march_stretch(
@@ -221,12 +184,21 @@ def _march_stretch(
 
 def stepped_trajectories(scenes: Scene, states: State, grid: SampleGrid, method: Choices, ticker: Tick) -> Trajectories:
     """The trajectories of lanes (leading axis), in chunks that share one compiled function."""
+    method = with_loads_of_rows(scenes, method)
 
-    def run(chunk, tick):
-        return sampled_lanes(chunk[0], chunk[1], grid, method, tick)
+    def run(chunk: tuple[Scene, State], tick: Tick) -> Any:
+        scenes = chunk[0]
+        lanes, run = _run_with_samples(*chunk, grid, method, tick)
+        energies = [np.asarray(energies_of_lanes(scenes, of, best_mapping())) for of in (lanes, run.lanes)]
+        events = None
+        if run.events is not None:
+            # the first sample follows what happens at once
+            after = np.where(run.events.steps == 0, -1, run.events.samples)
+            events = values_by_name(run.events.states) | {"t": run.events.steps[None], "after": after[None]}
+        return values_by_name(run.samples), run.amplitudes, jax.tree.map(np.asarray, run.lanes), energies, events
 
     marched = chunk_by_chunk(run, (scenes, states), ticker, lanes_per_call(scenes.layout))
-    last, (before, after) = marched.last, marched.energies
+    samples, amplitudes, last, (before, after), events = marched
     with np.errstate(invalid="ignore"):  # of energies that overflowed
         balance = energy_balance(last.accumulator, after - before)
         integrals = jax.tree.leaves((last.accumulator.integrals, after - before))
@@ -236,17 +208,17 @@ def stepped_trajectories(scenes: Scene, states: State, grid: SampleGrid, method:
         astray = is_unbalanced(*map(jnp.asarray, (balance.residual, balance.works.gross, before, after)))
         status = np.where((status == Status.OK) & np.asarray(astray), Status.UNBALANCED, status)
     log = at_only_interface(last.accumulator.log)
-    counters = filled(log.counters, marched.samples["mode"][:, 0])
+    counters = filled(log.counters, samples["mode"][:, 0])
     return Trajectories(
-        samples=marched.samples,
-        amplitudes=marched.amplitudes,
+        samples=samples,
+        amplitudes=amplitudes,
         status=status,
         counters={name: np.asarray(a) for name, a in vars(counters).items()},
         energy=_energy_values(balance, len(before)),
         loads=at_only_interface(last.accumulator.integrals.loads),
         times=log.times,
         last=last,
-        events=marched.events,
+        events=events,
     )
 
 
@@ -285,3 +257,57 @@ def _energy_values(balance: EnergyBalance | None, lanes: int) -> dict[str, np.nd
         "energy_dropped": (balance.dropped / np.where(gain.gross > 0, gain.gross, 1.0)).astype(float),
         **{name: np.asarray(a, float) for name, a in {**works, **balance.of_blades}.items()},
     }
+
+
+def zeno_warning(scenes: Scene, runs: Runs, plan: Plan) -> str | None:
+    """The report on the first lane (leading axis) that stopped with TOO_MANY_EVENTS."""
+    whole = np.isfinite(runs.samples.power[..., 0]).sum(axis=-1)
+    period = np.where((whole > 0) | (plan.transient == 0), plan.transient + whole + 1, 0)
+    return zeno_report(scenes, runs.last, period, plan.clock, plan.method)
+
+
+def zeno_of_trajectories(scenes: Scene, marched: Trajectories, grid: SampleGrid, method: Choices) -> str | None:
+    """The same of trajectories."""
+    if not np.any(marched.status == Status.TOO_MANY_EVENTS):
+        return None
+    last, times = marched.last, marched.times
+    assert times is not None  # without steps there are no events
+    took = sum(np.asarray(a).reshape(len(last.status), -1)[:, 0] for a in times)  # the same at all interfaces
+    steps = took / grid.step_lengths(scenes)
+    whole = np.round((steps - last.step - last.search.done) / grid.steps).astype(int)
+    return zeno_report(scenes, last, whole + 1, grid.clock(scenes, method), with_loads_of_rows(scenes, method))
+
+
+def zeno_report(scenes: Scene, last: Any, period: np.ndarray, clock: Clock, method: Choices) -> str | None:
+    """One line on the first lane that stopped with TOO_MANY_EVENTS: which events alternate; None if there is none.
+
+    The lane continues from where it stopped until it stops again: the events of that time are those that alternate.
+
+    Args:
+        scenes: Scenes with a leading lane axis.
+        last: The lanes at the end, with the same axis.
+        period: The number of the period in which each lane stopped, (lanes,); 0 if it is unknown.
+        clock: The time grid.
+        method: The options of the march.
+    """
+    stopped = np.flatnonzero(np.asarray(last.status) == Status.TOO_MANY_EVENTS)
+    if not len(stopped):
+        return None
+    # as many as the compiled program has
+    copies = np.full(1 if len(period) == 1 else lanes_per_call(scenes.layout), stopped[0])
+    scene, lane = jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[copies]), (scenes, last))
+
+    def places(lane):
+        return (lane.status, lane.search.events)
+
+    again = eqx.tree_at(places, lane, (jnp.zeros_like(lane.status), jnp.zeros_like(lane.search.events)))
+    after: Any = run_periods(scene, again, clock, 1, method, CallPace(1024), lambda _: None, keep=False)[0]
+    counts = [vars(run_log(of).counters) for of in (lane, after)]
+    more = {n: int(np.sum(counts[1][n][0] - a[0])) for n, a in counts[0].items()}
+    events = ", ".join(f"{n} {name}" for name, n in sorted(more.items(), key=lambda item: -item[1]) if n)
+    done = (float(lane.step[0]) + float(lane.search.done[0])) / float(clock.per_period)
+    when = f"period {period[stopped[0]]}" if period[stopped[0]] else "a period of the transient"
+    cure = 'reading = "consistent", as misprinted forces contradict each other where cases meet'
+    if not scene.contact.reading:
+        cure = f"{2 * round(float(clock.per_period))} steps a period, or another tableau"
+    return f"at {done:.6f} of {when} these events follow each other without an end: {events}; try {cure}"

@@ -10,9 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.lanes import Sampled
+from jaxshroud.batch.lanes import Sampled, final_states, shroud_motion
 from jaxshroud.batch.sampling import EventStates, SampledMarch, SampleGrid, Stretch, concatenated_events
-from jaxshroud.batch.states import final_states, shroud_motion
 from jaxshroud.march.accumulator import ContactTimes
 from jaxshroud.march.locate import HermiteCubic
 from jaxshroud.model.arithmetic import ZERO, is_zero

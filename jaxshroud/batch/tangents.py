@@ -13,14 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.activity import counted
-from jaxshroud.batch.differentiable_samples import Schedule, samples_with_tangents
 from jaxshroud.batch.duals import Dual, with_tangent
 from jaxshroud.batch.flows import begin_flows, end_flows, flow_with_tangents, lanes_per_flow
-from jaxshroud.batch.limits import CallPace, check_memory
-from jaxshroud.batch.marches import require_march
-from jaxshroud.batch.periods import CallLimits, first_passes, in_calls, part_done
-from jaxshroud.batch.plan import Tick
-from jaxshroud.batch.states import (
+from jaxshroud.batch.lanes import (
     from_vector,
     in_scene_precision,
     initial_states,
@@ -28,6 +23,11 @@ from jaxshroud.batch.states import (
     shroud_motion,
     to_vector,
 )
+from jaxshroud.batch.limits import CallPace, check_memory
+from jaxshroud.batch.periods import CallLimits, first_passes, in_calls, part_done
+from jaxshroud.batch.plan import Tick
+from jaxshroud.batch.pure_functions import Schedule, samples_with_tangents
+from jaxshroud.batch.runs import require_march
 from jaxshroud.batch.threads import Check, in_chunks
 from jaxshroud.batch.xla import best_mapping, repeat_lane
 from jaxshroud.march.method import Choices

@@ -46,6 +46,15 @@ class Interrupted(KeyboardInterrupt):
         self.done = done
 
 
+@contextmanager
+def changing_what_is_done(change: Callable[[Any], Any]) -> Iterator[None]:
+    """A context in which an interruption tells of the finished part, if there is one, as changed."""
+    try:
+        yield
+    except Interrupted as stopped:
+        raise Interrupted(stopped.done and change(stopped.done)) from None
+
+
 class _Unwanted(Exception):  # noqa: N818  not an error
     """The results of a thread are no longer wanted."""
 

@@ -9,11 +9,11 @@ from time import perf_counter, process_time
 import jax
 import numpy as np
 
+from jaxshroud.batch.lanes import initial_states
 from jaxshroud.batch.limits import results_size, sweep_memory
 from jaxshroud.batch.periods import lanes_per_call
 from jaxshroud.batch.plan import Plan, Progress, Ticker
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.threads import cores
 from jaxshroud.cli.progress import progress_bar
 from jaxshroud.linear.held_contact import is_linear

@@ -15,9 +15,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.differentiable_samples import Schedule
 from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.flows import as_differentiable
+from jaxshroud.batch.pure_functions import Schedule
 from jaxshroud.batch.stretches import cubic_mean, hermite_largest
 from jaxshroud.batch.tangents import SampledMotions, TangentProblem, direction, motions_with_tangents, start_duals
 from jaxshroud.cache.programs import kept

@@ -78,7 +78,7 @@ def stored_end(path: FilePath, scene_file: SceneFile) -> StoredEnd:
 
 def _modal_end(path: FilePath, ds: "xr.Dataset", shape: tuple[int, ...]) -> "ModalMotion":
     """The coordinates of modes at the end, and their rates."""
-    from jaxshroud.batch.states import modal_motion
+    from jaxshroud.batch.lanes import modal_motion
 
     modal = ds["modal"].to_numpy() if "modal" in ds else np.empty(0)
     if modal.shape != shape or not np.isfinite(modal).all():

@@ -28,7 +28,7 @@ from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import static_position
 from jaxshroud.model.linear_system import ReducedSystem
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.rhs import blade_mean_square, position_at
+from jaxshroud.model.rhs import blade_mean_square, position_of
 from jaxshroud.model.steady_numbers import SteadyNumbers, least_value, negative, steady_course, steady_extremes
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.quantities import Power
@@ -122,7 +122,7 @@ def _course(scene: Scene, held: HeldContact, swings: tuple[HeldRest, SwingWaves]
         speed=by_row(omega * rate[0]),
         speed_square=by_row(omega**2 * mean(rate**2)),
         power=mean(power),
-        means=jax.tree.map(mean, position_at(x, y, theta)),
+        means=jax.tree.map(mean, position_of((x, y, theta))),
         first=by_row(swing.mean),
         second=mean(place**2),
         highest=by_row(highest),

@@ -220,9 +220,4 @@ def mean_position(accumulator: Accumulator, end: Means, period: Any, steps: Any)
 
 def watched_of(z: Any) -> tuple[Any, ...]:
     """The displacements, and the stress of a `StressedMotion`."""
-    return (*displacements_of(z), *z[6:7])
-
-
-def displacements_of(z: Any) -> tuple[Any, Any, Any]:
-    """The displacements x, y and theta, of pairs or of rows."""
-    return z.x, z.y, z.theta
+    return *z[:3], *z[6:7]

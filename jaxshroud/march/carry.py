@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxshroud.march.accumulator import Accumulator
 from jaxshroud.march.event import Guards
 from jaxshroud.march.events import FLAT_PART
-from jaxshroud.march.method import FLAT_RETURN, Choices
+from jaxshroud.march.method import FLAT_RETURN
 from jaxshroud.march.method_names import Locate
 from jaxshroud.model.arithmetic import Scalar, is_unrolled, where
 from jaxshroud.model.modes import Status
@@ -155,18 +155,3 @@ class Fixed(eqx.Module, Generic[AnyModel]):
 def running(lane: Lane, stop: Int[Array, "..."]) -> Bool[Array, "..."]:
     """Whether a lane, or a row, has not arrived at the start of step `stop` and has not failed."""
     return (lane.step < stop) & (lane.status == Status.OK)
-
-
-def updated_lanes(update: Callable[..., Lane], method: Choices, each: EachLane, *args: LaneTree) -> LaneTree:
-    """`update(*args)` for every lane; the sums and extremes of a long accumulator in a kernel of their own.
-
-    A kernel with all of them would have more arguments than vector registers serve.
-    """
-    if not method.has_long_accumulator:
-        return each(update, *args)
-
-    def sums(lane):
-        return (lane.accumulator.integrals, lane.accumulator.log.impacts, lane.accumulator.log.extent)
-
-    others = each(lambda *args: eqx.tree_at(sums, update(*args), (None,) * 3, is_leaf=lambda a: a is None), *args)
-    return eqx.tree_at(sums, others, each(lambda *args: sums(update(*args)), *args), is_leaf=lambda a: a is None)

@@ -17,7 +17,8 @@ from jaxtyping import Array, Bool, Int
 from jaxshroud.model.arithmetic import ZERO, Scalar, is_zero, where
 from jaxshroud.model.contact_law import GuardCrossing
 from jaxshroud.model.geometry import Case, Kinematics, Pose, Rates, is_upper, tip_is_left
-from jaxshroud.model.modes import FLAT
+from jaxshroud.model.modes import FLAT, Mode
+from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import EndTorques
 from jaxshroud.scene.checks import InputError
@@ -54,21 +55,30 @@ class GuardEvaluation(NamedTuple):
 
 @dataclass(frozen=True)
 class ContactNow:
-    """The contact at an instant, of which guards are functions."""
+    """The contact at an instant, of which guards are functions, and what changes at events."""
 
     at: Kinematics
     rate: Rates
     torques: EndTorques
     state: State
     case: Int[Array, ""]  # the current case; when apart, the case of the position
-    apart: Bool[Array, ""]
-    flat: Bool[Array, ""]
     model: Model
+    delay: Scalar = ZERO  # upper bound of the time since the event that happens [s]
 
     @property
     def crossing(self) -> GuardCrossing:
         """What the law of contact knows of it."""
-        return GuardCrossing(self.at, self.rate, self.state.u_s, self.state.mode, delay=ZERO)
+        return GuardCrossing(self.at, self.rate, self.state.u_s, self.state.mode, self.delay)
+
+    @cached_property
+    def apart(self) -> Bool[Array, ""]:
+        """Whether the blocks are apart."""
+        return interface_mode(self.state.mode) == Mode.APART
+
+    @cached_property
+    def flat(self) -> Bool[Array, ""]:
+        """Whether their faces are flat on each other."""
+        return self.case == FLAT
 
     @cached_property
     def of_corners(self) -> tuple[Guard, Guard]:
@@ -121,20 +131,6 @@ def any_of(flags: Iterable[Bool[Array, "..."]]) -> Bool[Array, "..."]:
     return reduce(operator.or_, flags)
 
 
-class EventInstant(NamedTuple):
-    """The instant at which a guard is crossed."""
-
-    view: GuardEvaluation  # there, in the mode before the event
-    state: State  # before the event
-    delay: Scalar  # upper bound of the time since the event [s]
-    model: Model
-
-    @property
-    def crossing(self) -> GuardCrossing:
-        """What the law of contact knows of it."""
-        return GuardCrossing(self.view.at, self.view.rate, self.state.u_s, self.state.mode, self.delay)
-
-
 def always(_: Model) -> bool:
     """True of every model."""
     return True
@@ -158,7 +154,7 @@ class Event(NamedTuple):
     """What it concerns, in words of results."""
     guard: Callable[[ContactNow], Guard]
     """The guard with its rate, or its integral where only that is known: each event is located by a cubic of these."""
-    transition: Callable[[EventInstant], Any] | None = None
+    transition: Callable[[ContactNow], Any] | None = None
     """The mode of contact after it, of several points a tuple of modes; None: the mode stays."""
     switches_case: bool = False
     """Whether other corners meet after it, or flat contact ends; of the built-in TURN and HEIGHT, see `events`."""
@@ -236,7 +232,7 @@ def rounding_of(kind: Int[Array, ""], at: Kinematics, events: Events) -> Scalar:
     return rounding
 
 
-def next_mode(kind: Int[Array, ""], instant: EventInstant, events: Events) -> Any:
+def next_mode(kind: Int[Array, ""], instant: ContactNow, events: Events) -> Any:
     """The mode after the event of number `kind`; of several points the mode of each."""
     modes = [
         (kind == i, event.transition(instant))

@@ -39,7 +39,6 @@ from jaxtyping import Array, Bool, Int
 from jaxshroud.march.event import (
     ContactNow,
     Event,
-    EventInstant,
     Events,
     Guard,
     GuardEvaluation,
@@ -91,14 +90,14 @@ def _guard_of_rub(m: int, now: ContactNow) -> Guard:
     return Guard._make(now.model.law.of_points[m].friction_guard(point.at, point.rate, point.u_s, point.mode))
 
 
-def _mode_after_lift(m: int, instant: EventInstant) -> Any:
+def _mode_after_lift(m: int, instant: ContactNow) -> Any:
     law = instant.model.law
     point = law.crossing_at(m, instant.crossing)
     onset = law.of_points[m].onset_mode(point)
     return law.with_mode_at(m, instant.state.mode, where(point.mode == Mode.APART, onset, jnp.int32(Mode.APART)))
 
 
-def _mode_after_friction(m: int, instant: EventInstant) -> Any:
+def _mode_after_friction(m: int, instant: ContactNow) -> Any:
     law = instant.model.law
     mode = law.of_points[m].mode_after_rub(law.crossing_at(m, instant.crossing))
     return law.with_mode_at(m, instant.state.mode, mode)
@@ -201,8 +200,7 @@ def guards_at(
     """The contact kinematics and the guards of placed blocks under the torques at both ends of their overlap."""
     q, case, at = placed
     rate = contact_rates(at, state.motion, case, model.reading)
-    apart = interface_mode(state.mode) == Mode.APART
-    now = ContactNow(at, rate, torques, state, case, apart, case == FLAT, model)
+    now = ContactNow(at, rate, torques, state, case, model)
     guards = [event.guard(now) if event.exists(model) else NO_GUARD for event in events]
     return GuardEvaluation(q, at, rate, case, torques, Guards._make(zip(*guards, strict=True)))
 
@@ -253,7 +251,7 @@ def transition(
     law = model.law
     case = _next_case(state, view, kind, soon, model, rocks) if touches_at_corners(model) else view.case
     new = contact_kinematics(view.q, case, model.block, model.reading)
-    instant = EventInstant(view, state, delay, model)
+    instant = ContactNow(view.at, view.rate, view.torques, state, view.case, model, delay)
     mode = next_mode(kind, instant, events)
     w = law.stretch_at(view.at, state.u_s, state.mode)
     u_s = law.slider_after(instant.crossing, w, mode, new.u)

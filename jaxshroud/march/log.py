@@ -4,7 +4,7 @@ What is logged, and how, stands in `logged`.
 """
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
@@ -17,18 +17,16 @@ from jaxshroud.march.extremes import ContactSeries, MotionSeries
 from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Beginning, BladeTrial, InterfaceTrial, Lift, Observable, Per
-from jaxshroud.model.arithmetic import Scalar, both_sides, is_unrolled, where
+from jaxshroud.model.arithmetic import Scalar, both_sides, is_unrolled
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.row import (
-    CaseOfInterfaces,
     Each,
     OfInterfaces,
     RowModel,
     alone,
     of_blades_that_count,
-    of_left_blade,
     over,
     pair_states,
 )
@@ -74,11 +72,6 @@ class AcceptedTrial(NamedTuple):
     by_series: dict[str, Any] | None = None  # see `Observable.of_series`, by names; None for Runge-Kutta methods
 
 
-def mode_of_smooth_contact(v: OfInterfaces) -> CaseOfInterfaces:
-    """Whether faces touch, as a mode, at a penetration `v` [m]; smooth contact has no modes of its own."""
-    return where(v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS))
-
-
 def log_of(values: Mapping[str, Any]) -> Log:
     """The log with the values of observables by their names."""
     built_in: dict[str, Any] = {name: values.get(name) for name in Log._fields if name != "own"}
@@ -106,6 +99,13 @@ def _penetration_at(state: State, model: Model) -> Scalar:
     return place_contact(state.motion, state, model)[2].v
 
 
+def _numbers_for(one: Observable, of_faces: Any, of_blades: Any, model: RowModel) -> Any:
+    """The numbers that an observable takes, of interfaces, of all blades, or of those that count."""
+    if one.per == "interface":
+        return of_faces
+    return of_blades if one.per == "blade" else of_blades_that_count(of_blades, model)
+
+
 def new_log(state: State, at: OfInterfaces, model: RowModel, method: Choices, each: Each) -> Log:
     """The log of a row that starts from `state`; `at` are zeros."""
     motion = model.blades.watched(state.motion)
@@ -115,11 +115,7 @@ def new_log(state: State, at: OfInterfaces, model: RowModel, method: Choices, ea
     blades = Beginning(motion, zero, zero, None)
 
     def start(one):
-        if not is_unrolled(at):
-            return one.start(contact if one.per == "interface" else blades)
-        if one.per == "left blade":
-            return over(alone, one.start, of_left_blade(blades))
-        return over(alone, one.start, contact if one.per == "interface" else blades)
+        return over(alone, one.start, _numbers_for(one, contact, blades, model))
 
     return log_of({one.name: start(one) for one in observables_of(method)})
 
@@ -153,34 +149,25 @@ def _updated_log(log: Log, trial: AcceptedTrial, model: RowModel, method: Choice
     values = {
         one.name: one.update(value_in(log, one.name), contact if one.per == "interface" else blades) for one in together
     }
+    contact = contact._replace(
+        start=pair_states(trial.start, model),
+        end=both_sides(end, model.closed),
+        lift=trial.change.at.lift,
+        loads=trial.gain.loads,
+        model=model.interfaces,
+    )
     others = [one for one in observables if one.takes != "event" and one not in together]
-    at_interfaces = [one for one in others if one.per == "interface"]
-    if at_interfaces:
-        contact = contact._replace(
-            start=pair_states(trial.start, model),
-            end=both_sides(end, model.closed),
-            lift=trial.change.at.lift,
-            loads=trial.gain.loads,
-            model=model.interfaces,
-        )
-        values |= _updated_each(log, contact, at_interfaces, trial.by_series, each)
-    counted = [one for one in others if one.per == "left blade"]
-    if counted:
-        values |= _updated_each(log, of_blades_that_count(blades, model), counted, trial.by_series, each)
-    of_blades = [one for one in others if one not in (*at_interfaces, *counted)]
-    if of_blades:
-        values |= _updated_each(log, blades, of_blades, trial.by_series, each)
+    for per in get_args(Per):
+        alike = [one for one in others if one.per == per]
+        if alike:
+            numbers = _numbers_for(alike[0], contact, blades, model)
+            values |= _updated_each(log, numbers, alike, trial.by_series, each)
     return log_of(values | trial.change.at.counted)
 
 
 def values_of_events(log: Log | None, method: Choices) -> dict[str, Any]:
     """The values of the observables that take the event; none where there is no log."""
     return {} if log is None else {one.name: value_in(log, one.name) for one in takers_of_events(method)}
-
-
-def takers_of_one(per: Per, method: Choices) -> list[Observable]:
-    """The observables whose functions take one interface, or one blade."""
-    return [one for one in observables_of(method) if one.per.endswith(per) and one.takes == "one"]
 
 
 def takers_of_events(method: Choices) -> list[Observable]:
@@ -201,18 +188,14 @@ def _updated_each(log: Log, trial: Any, observables: list[Observable], by_series
     return over(each, updated, {name: value_in(log, name) for name in names}, read, trial)
 
 
-def _reset(one: Observable, before: Any, z: Motion) -> Any:
-    if not is_unrolled(z.x):
-        return one.reset(before, z)
-    if one.per == "interface":
-        z = both_sides(z, False)
-    return over(alone, one.reset, before, of_left_blade(z) if one.per == "left blade" else z)
-
-
-def accumulator_of_new_period(accumulator: Accumulator, z: Motion, method: Choices) -> Accumulator:
+def accumulator_of_new_period(accumulator: Accumulator, z: Motion, model: RowModel, method: Choices) -> Accumulator:
     """The accumulator with the values of single periods reset, at the motion `z`."""
     integrals, jumps = jax.tree.map(jnp.zeros_like, (accumulator.integrals, accumulator.jumps))
     log = accumulator.log
+
+    def reset(one: Observable, before: Any) -> Any:
+        return over(alone, one.reset, before, _numbers_for(one, both_sides(z, model.closed), z, model))
+
     if log is not None:
-        log = log_of({one.name: _reset(one, value_in(log, one.name), z) for one in observables_of(method)})
+        log = log_of({one.name: reset(one, value_in(log, one.name)) for one in observables_of(method)})
     return Accumulator(integrals, jumps, log, accumulator.margins)

@@ -14,7 +14,6 @@ from jaxshroud.march.accumulator import (
     Log,
     StepExtrema,
     count_event,
-    displacements_of,
     half_position,
     no_events,
     watched_of,
@@ -40,8 +39,7 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Beginning, BladeTrial, Ending, InterfaceTrial, Observable, from_zero, lasting
 from jaxshroud.model.arithmetic import Scalar, where
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.rhs import Means
-from jaxshroud.model.row import blade_positions
+from jaxshroud.model.rhs import Means, position_of
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion
 
@@ -85,7 +83,7 @@ V_MAX = Observable(
 
 
 def _updated_sizes(before: tuple[Any, Any, Any], trial: BladeTrial) -> tuple[Any, Any, Any]:
-    sizes = displacements_of(trial.after)
+    sizes = trial.after[:3]
     if trial.by_series is not None:
         sizes = jax.tree.map(lambda a, b: jnp.maximum(a, jnp.abs(b)), trial.by_series, sizes)
     return jax.tree.map(lambda most, now: jnp.maximum(most, jnp.abs(now)), before, sizes)
@@ -96,7 +94,7 @@ LARGEST_SIZES = Observable(
     label="largest magnitudes of x, y and theta at ends of trials and at events",
     unit="m, rad",
     per="blade",
-    start=lambda at: jax.tree.map(jnp.zeros_like, displacements_of(at.motion)),
+    start=lambda at: jax.tree.map(jnp.zeros_like, at.motion[:3]),
     update=_updated_sizes,
     reset=from_zero,
     of_series=midpoint_magnitudes,
@@ -209,7 +207,7 @@ def _updated_positions(before: Means, trial: BladeTrial) -> Means:
     def add(total, a):
         return total + where(complete, a, 0.0)
 
-    return jax.tree.map(add, before, blade_positions(trial.after))
+    return jax.tree.map(add, before, position_of(trial.after))
 
 
 POSITIONS = Observable(
@@ -217,9 +215,9 @@ POSITIONS = Observable(
     label="position, summed over the ends of steps by the trapezoidal rule",
     unit="m, 1",
     per="left blade",
-    start=lambda at: half_position(blade_positions(at.motion)),
+    start=lambda at: half_position(position_of(at.motion)),
     update=_updated_positions,
-    reset=lambda _, z: half_position(blade_positions(z)),
+    reset=lambda _, z: half_position(position_of(z)),
     takes="all",
     recorded=lambda method: method.sums_positions,
 )

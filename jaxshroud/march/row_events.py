@@ -49,10 +49,10 @@ from jaxshroud.march.log import (
     InterfaceChange,
     RowChange,
     takers_of_events,
-    takers_of_one,
     updated_accumulator,
     values_of_events,
 )
+from jaxshroud.march.logged import observables_of
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Ending, Lift
 from jaxshroud.model.arithmetic import (
@@ -84,11 +84,10 @@ from jaxshroud.model.row import (
     blade_forces,
     clusters,
     coupling_energies,
-    joint_inertia,
     over,
     pair_states,
     rates_of_blades,
-    relative_torques,
+    turned_as_one,
 )
 
 ONLY_FORCES = Recorded()
@@ -103,7 +102,7 @@ def row_torques(state: State, wave: Any, model: RowModel, each: Each) -> tuple[A
     R = blade_forces(effects, model.blades.shroud(state.motion), model)
     own = rates_of_blades(state.motion, wave, R, model, ONLY_FORCES, each)
     own = model.blades.turning(own.acceleration)
-    return relative_torques(own, state.case, cluster, model), joint_inertia(cluster, model)
+    return cluster.torques(own, model), cluster.joint
 
 
 def interface_view(torque: Scalar, state: State, model: Model, events: Events = BUILT_IN_EVENTS) -> GuardEvaluation:
@@ -246,6 +245,7 @@ def interface_change(
     lift = Lift(onset, onset & ~starts_in_overlap(view.at, delay), ~was_apart & is_apart)
     counting = Ending(change, fire, inside)
     takers = [one for one in takers_of_events(method) if one.name in counted]
+    asked = any(one.per == "interface" and one.takes == "one" for one in observables_of(method))
     return InterfaceChange(
         u_s=u_s,
         mode=mode,
@@ -257,7 +257,7 @@ def interface_change(
         counted={one.name: one.update(counted[one.name], counting) for one in takers},
         v=v,
         margins=None if margins is None else _updated_margins(margins, change, view, lift, fire, model),
-        lift=lift if takers_of_one("interface", method) else None,
+        lift=lift if asked else None,
     )
 
 
@@ -322,16 +322,9 @@ def as_flat(state: State, becomes_flat: FlagOfInterfaces, model: RowModel, each:
     """
     if not model.turns_by_events:
         return state, no_time(state)
-    z = state.motion
-    cluster = clusters(state.case, model)
     now = any_along(becomes_flat)
-
-    def as_one(a):
-        return where(now, cluster.mean(a), a)
-
-    shroud = model.blades.shroud(z)
-    parallel = model.blades.with_turn(z, as_one(shroud.theta), as_one(shroud.v_theta), model.inverse)
-    before, now_parallel, still = lax.stop_gradient((z, parallel, model))
+    parallel = turned_as_one(state.motion, clusters(state.case, model), now, model)
+    before, now_parallel, still = lax.stop_gradient((state.motion, parallel, model))
     lost = total(blade_energies(before, still, each) - blade_energies(now_parallel, still, each))
     if not is_zero(between := coupling_energies(before, still)):
         lost = lost + total(between - coupling_energies(now_parallel, still))

@@ -24,6 +24,7 @@ from jaxshroud.model.arithmetic import (
     Pair,
     Scalar,
     any_along,
+    has_unrolled,
     is_unrolled,
     plus,
     sincos_turns,
@@ -105,7 +106,7 @@ OfLanes = Float[Array, "..."]
 
 def whole(each: Each, f: Callable[..., Any], *trees: Any) -> Any:
     """`f(*trees, each=...)` of rows: of unrolled ones as one kernel, of others with its own kernels."""
-    if each is alone or not any(map(is_unrolled, jax.tree.leaves(trees, is_leaf=is_unrolled))):
+    if each is alone or not has_unrolled(trees):
         return f(*trees, each=each)
     return each(partial(f, each=alone), *trees)
 

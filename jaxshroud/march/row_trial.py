@@ -25,7 +25,7 @@ from jaxshroud.march.carry import (
 )
 from jaxshroud.march.event import above_zero, any_of, check_own_events, guards_after_event, guards_to_begin_with
 from jaxshroud.march.locate import LocationDecision, event_tolerance, judge_trial, one_after_the_other, select
-from jaxshroud.march.log import AcceptedTrial, mode_of_smooth_contact, new_accumulator, penetrations
+from jaxshroud.march.log import AcceptedTrial, new_accumulator, penetrations
 from jaxshroud.march.method import Choices
 from jaxshroud.march.row_events import (
     InterfaceEnding,
@@ -49,6 +49,7 @@ from jaxshroud.march.row_step import (
     whole,
 )
 from jaxshroud.model.arithmetic import any_along, is_unrolled, total, where, zeros_for
+from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import State
 from jaxshroud.model.row import Each, RowModel, alone, clusters_of, over, pair_states
@@ -199,7 +200,7 @@ def _without_events(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method:
     next_search, step = following_search(lane.search, lane.step, no, no, method.locate)
     trial = AcceptedTrial(
         start=lane.state,
-        mode=mode_of_smooth_contact(v),
+        mode=where(v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS)),  # smooth contact has none of its own
         h=trial_interval(lane, fixed.grid).h,
         end=end.state.motion,
         change=no_change(lane, end.state, v, method),

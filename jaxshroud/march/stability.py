@@ -254,8 +254,8 @@ def _needed_steps(of: "_Fastest", method: Tableau | TaylorOptions) -> np.ndarray
 
 def lanes_that_auto_steps_follow(scenes: Scene) -> np.ndarray:
     """Whether "auto" steps of RK4 follow each lane (leading axis): others have numbers too large, or are too stiff."""
-    followed = _needed_steps(_fastest(scenes, 1), RK4) < MAX_AUTO_STEPS
-    return followed.reshape(len(scenes.drive.omega), -1).all(axis=1)  # of a row: at every interface
+    steps = _needed_steps(_fastest(scenes, 1), RK4)
+    return np.all(steps.reshape(len(scenes.drive.omega), -1) < MAX_AUTO_STEPS, axis=1)  # of a row: at every interface
 
 
 def stiffest(scenes: Scene, batch_dims: int) -> tuple[float, float]:

@@ -46,7 +46,6 @@ from jaxshroud.model.row import (
     clusters_of,
     over,
     rates_of_blades,
-    relative_torques,
 )
 from jaxshroud.model.row_program import of_row
 from jaxshroud.model.series import Series, coefficients, polynomial, rate_of
@@ -90,7 +89,7 @@ class Joined(NamedTuple):
     """What blocks that are flat on each other have in common, as functions of their own angular accelerations."""
 
     mean: Callable[[Any], Any]  # the angular accelerations of the blocks
-    torques: Callable[[Any], Any]  # `relative_torques`
+    torques: Callable[[Any], Any]  # `Cluster.torques`
 
 
 def seconds_per_radian(fixed: Fixed[RowModel]) -> Any:
@@ -133,7 +132,7 @@ def taylor_expansion(lane: Lane, fixed: Fixed[RowModel], order: int, each: Each)
     cluster = clusters_of(state, model)
     if cluster is None:
         return expanded(None)
-    torques = partial(relative_torques, case=state.case, cluster=cluster, model=model)
+    torques = partial(cluster.torques, model=model)
     if is_unrolled(state.case):
         return expanded(Joined(cluster.mean, torques))
     apart = expanded(None)

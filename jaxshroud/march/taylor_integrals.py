@@ -32,7 +32,7 @@ from jaxshroud.model.linear import StaticPosition
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.points_contact import interface_mode
 from jaxshroud.model.prepared import Model, State
-from jaxshroud.model.rhs import Integrals, Ledger, Means, Moments, blade_mean_square, blade_works
+from jaxshroud.model.rhs import Integrals, Ledger, Means, Moments, blade_mean_square
 from jaxshroud.model.row import RowModel, alone, coupling_losses, in_one_ledger, of_blades_that_count, over
 from jaxshroud.model.series import coefficients, polynomial, polynomial_value, polynomial_value_and_rate, rate_of
 
@@ -182,7 +182,7 @@ def integrated_works(z: Any, faces: FaceSeries, contact: State, span: TrialSpan,
     wave = series_of_wave(span.wave)
 
     def rates(z: Any, blade: AnyBlade, drive: Excitation) -> tuple[Any, Any]:
-        return blade_works(z, drive.wave(*wave), blade, drive)
+        return blade.drive_power(z, drive.wave(*wave), drive), blade.viscous_power(z)
 
     drive, viscous = over(alone, rates, z, model.blades, model.drive)
     viscous = viscous + coupling_losses(z, model)

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from functools import partial, reduce
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
@@ -25,7 +26,6 @@ from jaxshroud.march.carry import (
     most_events,
     no_time,
     running,
-    updated_lanes,
 )
 from jaxshroud.march.event import any_of
 from jaxshroud.march.events import HEIGHT, TURN, events_at_points, happens, number_of
@@ -33,7 +33,7 @@ from jaxshroud.march.locate import at_event, one_after_the_other, select
 from jaxshroud.march.log import AcceptedTrial, new_accumulator
 from jaxshroud.march.method import Choices
 from jaxshroud.march.row_events import InterfaceEnding, change_of_row, is_finite_row, lane_after, row_torques
-from jaxshroud.march.row_step import OfLanes
+from jaxshroud.march.row_step import OfLanes, whole
 from jaxshroud.march.taylor_events import (
     TaylorSearch,
     TrialEvent,
@@ -151,24 +151,30 @@ def trials_and_series(
     lanes: LaneTree, fixed: LaneTree, method: Choices, each: EachLane
 ) -> tuple[LaneTree, DisplacementSeries]:
     """The next trials of lanes, and their displacements as polynomials in radians from the start."""
-    if not _are_pairs(lanes):
-        return _trial_and_series(lanes, fixed, method, each)
-    return each(partial(_trial_and_series, method=method, each=alone), lanes, fixed)
+    return whole(each, partial(_trial_and_series, method=method), lanes, fixed)
 
 
 def update_after_taylor(
     lanes: LaneTree, trials: LaneTree, fixed: LaneTree, method: Choices, each: EachLane
 ) -> LaneTree:
-    """The lanes after their trials."""
-    if not _are_pairs(lanes):
-        return _lane_after_trial(lanes, trials, fixed, method, each)
-    update = partial(_lane_after_trial, method=method, each=alone)
-    return updated_lanes(update, method, each, lanes, trials, fixed)
+    """The lanes after their trials; of pairs the sums and extremes of a long accumulator in a kernel of their own.
 
+    A kernel with all of them would have more arguments than vector registers serve.
+    """
+    update = partial(_lane_after_trial, method=method)
+    if not method.has_long_accumulator or not is_unrolled(lanes.state.case):
+        return whole(each, update, lanes, trials, fixed)
 
-def _are_pairs(lanes: LaneTree) -> bool:
-    """Whether lanes, or those of a `Dual`, are unrolled pairs."""
-    return is_unrolled(getattr(lanes, "value", lanes).state.case)
+    def sums(lane: Lane) -> tuple[Any, ...]:
+        log: Any = lane.accumulator.log
+        return lane.accumulator.integrals, log.impacts, log.extent
+
+    def with_sums(lane: Lane, values: tuple[Any, ...]) -> Lane:
+        return eqx.tree_at(sums, lane, values, is_leaf=lambda a: a is None)
+
+    update, trees = partial(update, each=alone), (lanes, trials, fixed)
+    others = each(lambda *trees: with_sums(update(*trees), (None,) * 3), *trees)
+    return with_sums(others, each(lambda *trees: sums(update(*trees)), *trees))
 
 
 def _trial_and_series(

@@ -155,6 +155,11 @@ def is_unrolled(value: object) -> bool:
     return isinstance(value, Unrolled)
 
 
+def has_unrolled(trees: Any) -> bool:
+    """Whether trees have numbers along unrolled axes."""
+    return any(map(is_unrolled, jax.tree.leaves(trees, is_leaf=is_unrolled)))
+
+
 def is_zero(value: object) -> bool:
     """Whether a number is left out."""
     return isinstance(value, Zero)

@@ -2,7 +2,7 @@
 
 `ContactLaw` is contact without friction that begins and ends where the penetration changes its sign. A law states in
 what it differs: its forces and its energy at least, then friction, guards of its own, or that it has no events. There
-are `spring_contact` (the article's, with the friction element of Eq. (2) or without), `smooth_contact` and
+are `spring_contact` (the article's, with the friction element of Eq. (2) or without, and a smooth one) and
 `user_contact`. The fields of a law are numbers of the scene; nothing but the law reads them.
 
 All methods are of one point of contact at one instant. Its mode and its slider are arguments, so that an interface of

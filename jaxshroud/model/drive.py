@@ -12,6 +12,7 @@ from jaxshroud.model.arithmetic import ZERO, Scalar, summed
 from jaxshroud.model.series import Series
 from jaxshroud.scene.drive import AnyLoad, ComplexLoad, Drive
 from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.layout import COORDINATES
 
 Wave = tuple[Any, ...]  # sin(n omega t + phase) for each harmonic n, or it and the cosine: of one blade, or `Series`
 
@@ -51,13 +52,7 @@ class HarmonicForce(NamedTuple):
 class ComplexForce(NamedTuple):
     """The complex amplitudes and the phase of one harmonic of both blades or of one; its wave is sine and cosine."""
 
-    x_re: Any  # [N]: of each blade, a `Pair`, or one blade's, as are the next
-    x_im: Any
-    y_re: Any
-    y_im: Any
-    theta_re: Any  # [N m]
-    theta_im: Any
-    modal: dict[str, Any]  # `Q0_re` and so on, of modes [N kg^-1/2]
+    parts: dict[str, tuple[Any, Any]]  # real and imaginary, along x and y [N], on theta [N m], on modes [N kg^-1/2]
     sin_phase: Any
     cos_phase: Any
 
@@ -66,14 +61,13 @@ class ComplexForce(NamedTuple):
         return s * self.cos_phase + c * self.sin_phase, c * self.cos_phase - s * self.sin_phase
 
     def force(self, name: str, wave: Any) -> Any:
-        """The force along x or y [N], or the moment on theta [N m], at a wave."""
-        sine, cosine = wave
-        return getattr(self, f"{name}_re") * sine + getattr(self, f"{name}_im") * cosine
+        """The force along x or y [N], the moment on theta [N m], or the force on a mode, such as "Q0", at a wave."""
+        (sine, cosine), (re, im) = wave, self.parts.get(name, (ZERO, ZERO))
+        return re * sine + im * cosine
 
     def on_mode(self, j: int, wave: Any) -> Any:
         """The force on a mode itself [N kg^-1/2]."""
-        sine, cosine = wave
-        return self.modal.get(f"Q{j}_re", ZERO) * sine + self.modal.get(f"Q{j}_im", ZERO) * cosine
+        return self.force(f"Q{j}", wave)
 
     def power(self, wave: Any, z: Motion) -> Any:
         """The power on a motion [W]."""
@@ -82,7 +76,7 @@ class ComplexForce(NamedTuple):
     @property
     def loads(self) -> list[Any]:
         """The parts of the amplitudes of all forces and moments, and of those on modes."""
-        return [self.x_re, self.x_im, self.y_re, self.y_im, self.theta_re, self.theta_im, *self.modal.values()]
+        return [part for parts in self.parts.values() for part in parts]
 
 
 class Excitation(eqx.Module):
@@ -139,7 +133,9 @@ def excitation(drive: Drive) -> Excitation:
 def _prepared(one: AnyLoad) -> HarmonicForce | ComplexForce:
     """One harmonic, prepared for stepping."""
     if isinstance(one, ComplexLoad):
-        return ComplexForce._make((*one[:6], one.modal, jnp.sin(one.phase), jnp.cos(one.phase)))
+        names = *COORDINATES, *dict.fromkeys(key.rpartition("_")[0] for key in one.modal)
+        parts = {name: one.in_phase_and_quadrature(name) for name in names}
+        return ComplexForce(parts, jnp.sin(one.phase), jnp.cos(one.phase))
     return HarmonicForce(one.F_x, one.F_y, one.M_0, jnp.sin(one.phase), jnp.cos(one.phase))
 
 

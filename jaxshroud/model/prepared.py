@@ -12,8 +12,7 @@ from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.geometry import Corners, corners
 from jaxshroud.model.linear import free_reach, steady_amplitudes
 from jaxshroud.model.points_contact import PointsContact
-from jaxshroud.model.smooth_contact import SmoothContact
-from jaxshroud.model.spring_contact import BilinearContact, NoContact, SpringContact
+from jaxshroud.model.spring_contact import BilinearContact, NoContact, SmoothContact, SpringContact
 from jaxshroud.model.user_contact import Laws
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import SPRUNG, ContactPart, Parts

@@ -6,10 +6,8 @@ How the faces of two blocks lie against each other, the forces of contact there,
 from typing import Any, NamedTuple
 
 from jaxshroud.model.arithmetic import ZERO, Pair, Scalar, is_zero, sine_versine, where
-from jaxshroud.model.blade import AnyBlade
 from jaxshroud.model.contact import Load
 from jaxshroud.model.contact_law import ContactLoads, ContactPoint, Forces, Slider
-from jaxshroud.model.drive import Excitation, Wave
 from jaxshroud.model.geometry import (
     Case,
     FaceKinematics,
@@ -140,11 +138,6 @@ def blade_mean_square(x: Any, y: Any, sine: Any, versine: Any, gyration: Scalar,
     return x**2 + y**2 + gyration * 2 * versine
 
 
-def blade_works(z: Any, Q: Wave, blade: AnyBlade, drive: Excitation) -> tuple[Scalar, Scalar]:
-    """The power of the drive on one blade, and that lost in its dampers [W]; all arguments are its own."""
-    return blade.drive_power(z, Q, drive), blade.viscous_power(z)
-
-
 class StateDerivative(NamedTuple):
     """The accelerations, and the rate of the slider where it moves without events."""
 
@@ -152,8 +145,9 @@ class StateDerivative(NamedTuple):
     u_s: Slider
 
 
-def position_at(x: Any, y: Any, theta: Any) -> Means:
-    """The position at some displacements, of any shape."""
+def position_of(z: Any) -> Means:
+    """The position at displacements x, y and theta, of any shape; they may be those of a motion."""
+    x, y, theta = z[:3]
     sine, versine = (theta, theta) if is_zero(theta) else sine_versine(theta)
     return Means(x, y, sine, versine)
 

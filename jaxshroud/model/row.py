@@ -62,7 +62,7 @@ from jaxshroud.model.drive import Excitation, excitation
 from jaxshroud.model.geometry import gyration, rotation
 from jaxshroud.model.linear import StaticPosition, static_position
 from jaxshroud.model.modes import FLAT
-from jaxshroud.model.prepared import Model, State, prepared_model
+from jaxshroud.model.prepared import State, prepared_model
 from jaxshroud.model.rhs import (
     ContactEffects,
     Integrals,
@@ -72,9 +72,8 @@ from jaxshroud.model.rhs import (
     Recorded,
     StateDerivative,
     blade_mean_square,
-    blade_works,
     contact_effects,
-    position_at,
+    position_of,
 )
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import Parts
@@ -114,11 +113,6 @@ class RowModel(eqx.Module):
         return is_unrolled(self.blades.I)
 
     @property
-    def pair(self) -> Model:
-        """The pair, of an unrolled one."""
-        return at_only_interface(self.interfaces)
-
-    @property
     def turns(self) -> bool:
         """Whether the blocks can turn."""
         return "theta" in self.parts.motion
@@ -142,11 +136,6 @@ def at_interface(tree: Any) -> Any:
 def at_only_interface(tree: Any) -> Any:
     """The inverse of `at_interface`."""
     return jax.tree.map(lambda a: a[0] if is_unrolled(a) else a, tree, is_leaf=is_unrolled)
-
-
-def of_left_blade(tree: Any) -> Any:
-    """A tree along an unrolled axis of blades with the left one alone."""
-    return jax.tree.map(lambda a: Unrolled(a[0]) if is_unrolled(a) else a, tree, is_leaf=is_unrolled)
 
 
 def prepared_row(scene: Scene) -> RowModel:
@@ -279,8 +268,9 @@ def contact_forces_on_blades(effects: ContactEffects, model: RowModel) -> BladeF
 class Cluster(NamedTuple):
     """The blocks that are flat on each other, as matrices over blades; a block without a flat face is alone."""
 
+    flat: FlagOfInterfaces
     share: Any  # (N, N, lanes): of block k in the mean of the cluster of block i
-    inertia: OfBlades  # of the cluster of each block [kg m^2]
+    joint: OfInterfaces  # inertia against a turn towards each other of the clusters at each interface [kg m^2]
     before: Any  # (E, N, lanes): block k is in the cluster of the flat interface j, and not right of it
     all_round: Bool[Array, "..."]  # a closed row that is flat at every interface
 
@@ -288,19 +278,43 @@ class Cluster(NamedTuple):
         """The mean of each cluster, weighted by inertia, for each of its blocks."""
         return times_along(self.share, a)
 
+    def torques(self, own: OfBlades, model: RowModel) -> OfInterfaces:
+        """The torque on theta_j - theta_(j+1) of each interface with contact at the corner of its case [N m].
+
+        It is the inertia of both clusters against a turn towards each other times the relative angular acceleration; of
+        flat faces the torque that they pass on to the block right of them. See `torques_along_face`.
+
+        Args:
+            own: The angular acceleration of each block by itself, with contact at the corner of its case [rad/s^2].
+            model: The constants.
+        """
+        mean = self.mean(own)
+        apart = self.joint * (left_of_interfaces(mean, model.closed) - right_of_interfaces(mean, model.closed))
+        excess = model.blades.I * (own - mean)
+        torque = jnp.sum(jnp.where(self.before, excess[None], 0.0), axis=1)
+        passed = torque - jnp.where(self.all_round, jnp.mean(torque, axis=0), 0.0)[None]
+        return where(self.flat, passed, apart)
+
 
 class FlatPair(NamedTuple):
     """The `Cluster` of two blocks with one interface."""
 
-    flat: Any  # whether they are flat on each other
+    flat: FlagOfInterfaces  # whether they are flat on each other
     share: Any  # see `Mobility`, as is the next
-    joint: Any
+    joint: OfInterfaces
 
     def mean(self, a: Any) -> Any:
         """The mean of both blocks, weighted by inertia, where they are flat on each other, else their own numbers."""
         left, right = a
+        flat = self.flat[0]
         mean = right + self.share * (left - right)
-        return Unrolled(where(self.flat, mean, left), right if is_zero(right) else where(self.flat, mean, right))
+        return Unrolled(where(flat, mean, left), right if is_zero(right) else where(flat, mean, right))
+
+    def torques(self, own: Any, model: RowModel) -> Any:
+        """As of a `Cluster`."""
+        del model
+        left, right = own
+        return self.joint * (left - right)
 
 
 def clusters(case: CaseOfInterfaces, model: RowModel) -> Cluster | FlatPair:
@@ -310,7 +324,7 @@ def clusters(case: CaseOfInterfaces, model: RowModel) -> Cluster | FlatPair:
     closed = model.closed
     if is_unrolled(flat):
         mobility = model.interfaces.mobility
-        return FlatPair(flat[0], mobility.share[0], mobility.joint[0])
+        return FlatPair(flat, mobility.share[0], mobility.joint)
     breaks = jnp.cumsum(~flat, axis=0, dtype=jnp.int32)  # interfaces that are not flat, up to each
     label = jnp.concatenate([jnp.zeros_like(breaks[:1]), breaks[:-1] if closed else breaks])  # left of each block
     all_round = breaks[-1] == 0 if closed else jnp.zeros_like(flat[0])
@@ -322,7 +336,9 @@ def clusters(case: CaseOfInterfaces, model: RowModel) -> Cluster | FlatPair:
     inertia = jnp.sum(jnp.where(same, I[None], 0.0), axis=1)
     left = first if closed else first[:-1]
     before = flat[:, None] & same[: len(flat)] & (first[None] <= left[:, None])
-    return Cluster(jnp.where(same, I[None] / inertia[:, None], 0.0), inertia, before, all_round)
+    left, right = left_of_interfaces(inertia, closed), right_of_interfaces(inertia, closed)
+    share = jnp.where(same, I[None] / inertia[:, None], 0.0)
+    return Cluster(flat, share, left * right / (left + right), before, all_round)
 
 
 def clusters_of(state: State, model: RowModel) -> Cluster | FlatPair | None:
@@ -330,60 +346,18 @@ def clusters_of(state: State, model: RowModel) -> Cluster | FlatPair | None:
     return clusters(state.case, model) if model.turns_by_events else None
 
 
-def passed_torques(own: OfBlades, cluster: Cluster, model: RowModel) -> OfInterfaces:
-    """The torque that each flat interface passes on to the block right of it [N m]; 0 elsewhere.
-
-    Args:
-        own: The angular acceleration of each block by itself, with contact at the corner of its case [rad/s^2].
-        cluster: The clusters of blocks.
-        model: The constants.
-    """
-    excess = model.blades.I * (own - cluster.mean(own))
-    torque = jnp.sum(jnp.where(cluster.before, excess[None], 0.0), axis=1)
-    return torque - jnp.where(cluster.all_round, jnp.mean(torque, axis=0), 0.0)[None]
-
-
-def relative_torques(
-    own: OfBlades, case: CaseOfInterfaces, cluster: Cluster | FlatPair, model: RowModel
-) -> OfInterfaces:
-    """The torque on theta_j - theta_(j+1) of each interface with contact at the corner of its case [N m].
-
-    It is the inertia of both clusters against a turn towards each other times the relative angular acceleration; of
-    flat faces the torque that they pass on. See `torques_along_face`.
-    """
-    if isinstance(cluster, FlatPair):
-        left, right = own
-        torque: Any = Unrolled(cluster.joint * (left - right))
-        return torque
-    mean = cluster.mean(own)
-    relative = left_of_interfaces(mean, model.closed) - right_of_interfaces(mean, model.closed)
-    apart = joint_inertia(cluster, model) * relative
-    return where(case == FLAT, passed_torques(own, cluster, model), apart)
-
-
-def joint_inertia(cluster: Cluster | FlatPair, model: RowModel) -> OfInterfaces:
-    """The inertia against a turn towards each other of the clusters left and right of each interface [kg m^2]."""
-    if isinstance(cluster, FlatPair):
-        joint: Any = Unrolled(cluster.joint)
-        return joint
-    left = left_of_interfaces(cluster.inertia, model.closed)
-    right = right_of_interfaces(cluster.inertia, model.closed)
-    return left * right / (left + right)
-
-
-def blade_positions(z: Motion) -> Means:
-    """The position of each blade."""
-    return position_at(z.x, z.y, z.theta)
-
-
 def of_blades_that_count(tree: Any, model: RowModel) -> Any:
     """A tree along an axis of blades with those that count: the left one of a pair, all of a row."""
-    return of_left_blade(tree) if model.is_pair else tree
+
+    def counting(a: Any) -> Any:
+        return Unrolled(a[0]) if is_unrolled(a) else a
+
+    return jax.tree.map(counting, tree, is_leaf=is_unrolled) if model.is_pair else tree
 
 
 def positions_that_count(z: Motion, model: RowModel) -> Means:
     """The position of each blade that counts."""
-    return over(alone, blade_positions, of_blades_that_count(z, model))
+    return over(alone, position_of, of_blades_that_count(z, model))
 
 
 class BladeRates(NamedTuple):
@@ -411,8 +385,8 @@ def blade_rates(
     Q = drive.wave(*wave)
     shroud = blade.shroud(z)
     acceleration = blade.accelerations(z, Q, drive, R, inverse)
-    work, viscous = blade_works(z, Q, blade, drive) if recorded.ledger else (None, None)
-    means = blade_positions(shroud) if recorded.means else None
+    work, viscous = (blade.drive_power(z, Q, drive), blade.viscous_power(z)) if recorded.ledger else (None, None)
+    means = position_of(shroud) if recorded.means else None
     power = blade_mean_square(shroud.x, shroud.y, *rotation(shroud.theta), gyration, static)
     return BladeRates(acceleration, power, work, viscous, means)
 
@@ -467,6 +441,13 @@ def row_rhs(
 def in_one_ledger(work: Any, model: RowModel) -> Any:
     """Works along an axis as a ledger has them: of a pair their sum, of a row each by itself."""
     return total(work) if model.is_pair else work
+
+
+def turned_as_one(z: Any, cluster: Cluster | FlatPair, when: Any, model: RowModel) -> Any:
+    """The motion where blocks that are flat on each other turn as one, with their angular momentum, `when` that is."""
+    shroud = model.blades.shroud(z)
+    theta, v_theta = (where(when, cluster.mean(a), a) for a in (shroud.theta, shroud.v_theta))
+    return model.blades.with_turn(z, theta, v_theta, model.inverse)
 
 
 def coupling_losses(z: Any, model: RowModel) -> Any:

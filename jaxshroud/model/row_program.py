@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jax.extend.core import Literal as Constant
 
-from jaxshroud.model.arithmetic import exchange, is_unrolled
+from jaxshroud.model.arithmetic import exchange, has_unrolled
 from jaxshroud.model.row import Each, over
 
 HOMES = ("lane", "blade", "interface")
@@ -36,7 +36,7 @@ def of_row(each: Each, f: Callable[..., Any], lane: Any, blade: Any, interface: 
         interface: A tree of arrays (interfaces, lanes), or (lanes,).
     """
     trees = lane, blade, interface
-    if any(map(is_unrolled, jax.tree.leaves(trees, is_leaf=is_unrolled))):
+    if has_unrolled(trees):
         return f(*trees)
     leaves, structure = jax.tree.flatten(trees)
     places = [at for at, own in zip(HOMES, trees, strict=True) for _ in jax.tree.leaves(own)]

@@ -5,9 +5,9 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from jaxshroud.batch.lanes import from_vector, motion_rows, shroud_rows, to_vector
 from jaxshroud.batch.plan import Plan, Tick
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import from_vector, motion_rows, shroud_rows, to_vector
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxshroud.batch.lanes import motion_rows
 from jaxshroud.batch.plan import Plan, Runs
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import motion_rows
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.orbits.batched_algorithms import Algorithm, Periods
 from jaxshroud.orbits.branch import BranchPoint, ContinuationProblem, corrected_point

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from jaxshroud.batch.lanes import coordinate_sizes, from_vector, to_vector
 from jaxshroud.batch.plan import Plan, Runs
-from jaxshroud.batch.states import coordinate_sizes, from_vector, to_vector
 from jaxshroud.batch.tangents import TangentProblem, Tangents, direction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State

@@ -13,9 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.special import stdtrit
 
+from jaxshroud.batch.lanes import initial_states
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.tangents import TangentProblem, direction
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.cache.programs import kept

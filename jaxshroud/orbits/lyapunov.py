@@ -14,8 +14,8 @@ import numpy as np
 
 from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.flows import as_differentiable
+from jaxshroud.batch.lanes import final_states, from_vector, to_vector
 from jaxshroud.batch.plan import Plan, Tick
-from jaxshroud.batch.states import final_states, from_vector, to_vector
 from jaxshroud.batch.tangents import TangentProblem, end_as_start, run_flow
 from jaxshroud.march.method import Choices
 from jaxshroud.model.linear_system import coordinates_that_move

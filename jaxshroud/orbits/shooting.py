@@ -8,8 +8,8 @@ from numpy.typing import DTypeLike
 
 from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.flows import as_differentiable
+from jaxshroud.batch.lanes import coordinate_sizes, final_states, from_vector, motion_rows, shroud_rows, to_vector
 from jaxshroud.batch.plan import Plan
-from jaxshroud.batch.states import coordinate_sizes, final_states, from_vector, motion_rows, shroud_rows, to_vector
 from jaxshroud.batch.stepped_runs import select_lanes
 from jaxshroud.batch.tangents import TangentProblem, Tangents, run_flow, without_direction
 from jaxshroud.batch.xla import repeat_lane

@@ -14,11 +14,11 @@ from jaxtyping import Array, Int
 
 from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.flows import as_differentiable
+from jaxshroud.batch.lanes import carried_state, initial_states, motion_rows
 from jaxshroud.batch.periods import Sample, sample_of_users
 from jaxshroud.batch.plan import Plan, Tick
 from jaxshroud.batch.runs import run_lanes, trajectories
 from jaxshroud.batch.sampling import SampleGrid
-from jaxshroud.batch.states import carried_state, initial_states, motion_rows
 from jaxshroud.batch.tangents import direction, run_flow, without_direction
 from jaxshroud.cache.programs import kept
 from jaxshroud.march.method import Choices

@@ -5,9 +5,9 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from jaxshroud.batch.lanes import carried_state, final_states, motion_rows, states_apart
 from jaxshroud.batch.plan import Plan, Runs, Tick
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import carried_state, final_states, motion_rows, states_apart
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.cache.programs import kept
 from jaxshroud.march.log import penetrations

@@ -6,9 +6,9 @@ from typing import Literal, NamedTuple
 import jax
 import numpy as np
 
+from jaxshroud.batch.lanes import final_states
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import final_states
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.orbits.batched_algorithms import stacked

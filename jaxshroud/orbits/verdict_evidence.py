@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
+from jaxshroud.batch.lanes import final_states, motion_rows
 from jaxshroud.batch.plan import Plan, Runs, Tick
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import final_states, motion_rows
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.orbits.batched_algorithms import Algorithm, Periods, run_together

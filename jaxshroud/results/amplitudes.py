@@ -144,7 +144,7 @@ def contact_values(state: "State", prefix: str = "") -> dict[str, Any]:
 
 def stored_state(result: Any, motion: Motion, place: Any = ...) -> "State":
     """The state that a result holds under the names of `contact_values`, at a place of its arrays."""
-    from jaxshroud.batch.states import modal_motion
+    from jaxshroud.batch.lanes import modal_motion
     from jaxshroud.model.prepared import State
 
     own = motion if result.modal is None else modal_motion(result.modal[place])

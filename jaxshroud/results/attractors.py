@@ -231,7 +231,7 @@ def share_interval(count: np.ndarray, total: int) -> tuple[np.ndarray, np.ndarra
 
 def attractor_values(found: "FoundAttractors", paths: Sequence[np.ndarray]) -> dict[str, object]:
     """The values of all attractors, and the attractor on which each start ends."""
-    from jaxshroud.batch.states import shroud_motion
+    from jaxshroud.batch.lanes import shroud_motion
     from jaxshroud.orbits.attractors import nearest_distances
 
     ends, starts = found.ended, found.label.size

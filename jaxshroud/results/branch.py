@@ -248,7 +248,7 @@ class Branch(WithAmplitudes, Result):
 
 def _branch_row(number: int, i: int, branch: "ContinuedBranch", turns: int) -> dict[str, Any]:
     """The values of point `i` of a branch, with its samples filled up to `turns`."""
-    from jaxshroud.batch.states import shroud_motion
+    from jaxshroud.batch.lanes import shroud_motion
     from jaxshroud.model.linear import power_reduction
 
     point, touch = branch.points[i], branch.touches[i]

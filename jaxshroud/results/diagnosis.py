@@ -112,7 +112,7 @@ def _exponent_values(exponents: np.ndarray, status: int) -> list[float | str]:
 
 def _exponents_row(lane: "Exponents", periods: int, scene: "Scene") -> dict[str, Any]:
     """The values of one lane, with its growth filled up to the number of periods of the longest lane."""
-    from jaxshroud.batch.states import shroud_motion
+    from jaxshroud.batch.lanes import shroud_motion
 
     growth = np.full((periods, len(lane.exponents)), np.nan, lane.growth.dtype)
     growth[: len(lane.growth)] = lane.growth

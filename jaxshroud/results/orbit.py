@@ -179,7 +179,7 @@ class Orbit(WithAmplitudes, Result):
     @property
     def jacobian(self) -> "Tangents | None":
         """The map at the orbit and its derivatives; None if no lane has an orbit."""
-        from jaxshroud.batch.states import from_vector
+        from jaxshroud.batch.lanes import from_vector
         from jaxshroud.batch.tangents import Tangents
 
         if not np.any(self.found):
@@ -294,7 +294,7 @@ class Orbit(WithAmplitudes, Result):
 
 def _orbit_row(cycle: "PeriodicOrbit") -> dict[str, Any]:
     """The values of one lane, NaN where there is no orbit."""
-    from jaxshroud.batch.states import shroud_motion
+    from jaxshroud.batch.lanes import shroud_motion
 
     start, jacobian = cycle.start, cycle.jacobian
     end = start if jacobian is None else jacobian.end

@@ -132,7 +132,7 @@ class Trajectory(WithAmplitudes, Result):
     @property
     def last(self) -> "State":
         """The state at the last sample, from which a run can go on; the slider is 0 when apart."""
-        from jaxshroud.batch.states import modal_motion
+        from jaxshroud.batch.lanes import modal_motion
         from jaxshroud.model.prepared import State
 
         end = type(self)(self.data.isel(time=-1))

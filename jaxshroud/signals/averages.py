@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from jaxshroud.batch.periods import LANES_PER_CALL, Sample
 from jaxshroud.batch.threads import in_chunks
 from jaxshroud.cache.programs import kept
-from jaxshroud.march.accumulator import ContactTimes, displacements_of
+from jaxshroud.march.accumulator import ContactTimes
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import corners, gyration_of_sides
 from jaxshroud.model.linear import (
@@ -312,7 +312,7 @@ def _tilts(scenes: Scene) -> Array:
 
 def displacements(samples: Sample) -> np.ndarray:
     """The displacements x, y and theta of the blades at the ends of periods, (lanes, n, 3 blades)."""
-    return np.concatenate(displacements_of(samples.motion), axis=-1, dtype=float)
+    return np.concatenate(samples.motion[:3], axis=-1, dtype=float)
 
 
 def period_maxima(samples: Sample) -> np.ndarray:

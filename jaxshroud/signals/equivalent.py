@@ -17,9 +17,9 @@ import jax
 import numpy as np
 from jaxtyping import Complex, Float
 
+from jaxshroud.batch.lanes import motion_rows
 from jaxshroud.batch.runs import sampled_motions
 from jaxshroud.batch.sampling import SampleGrid
-from jaxshroud.batch.states import motion_rows
 from jaxshroud.batch.stretches import cubic_mean
 from jaxshroud.march.method import Choices
 from jaxshroud.model.linear import power_reduction

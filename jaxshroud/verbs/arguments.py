@@ -11,9 +11,9 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.batch.marches import march_of, require_march
+from jaxshroud.batch.lanes import initial_states, own_motion
 from jaxshroud.batch.plan import Plan
-from jaxshroud.batch.states import initial_states, own_motion
+from jaxshroud.batch.runs import march_of, require_march
 from jaxshroud.io.lane_status import AccuracyWarning
 from jaxshroud.io.scene_numbers import dimension, scene_differences
 from jaxshroud.io.variable import jax_lane_arrays

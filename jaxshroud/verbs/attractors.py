@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 import jax
 import numpy as np
 
+from jaxshroud.batch.lanes import final_states, initial_states, shroud_motion
 from jaxshroud.batch.plan import Progress, Ticker
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import final_states, initial_states, shroud_motion
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.batch.xla import one_lane, repeat_lane
 from jaxshroud.io.scene_numbers import dimension, key_attrs

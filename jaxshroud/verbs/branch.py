@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxshroud.batch.lanes import in_scene_precision, initial_states
 from jaxshroud.batch.plan import Progress
-from jaxshroud.batch.states import in_scene_precision, initial_states
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.io.lane_status import AccuracyWarning

@@ -7,10 +7,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from jaxshroud.batch.lanes import in_scene_precision, initial_states
 from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.plan import Plan, Runs, Tick
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import in_scene_precision, initial_states
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import FAST
 from jaxshroud.model.modes import Status

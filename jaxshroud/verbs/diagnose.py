@@ -8,9 +8,9 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from jaxshroud.batch.lanes import coordinate_sizes, final_states
 from jaxshroud.batch.plan import Progress, Runs, Ticker
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import coordinate_sizes, final_states
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.march.method import FOR_P_D_WITH_LEDGER
 from jaxshroud.model.linear import power_reduction

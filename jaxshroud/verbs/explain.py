@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 import jax
 import numpy as np
 
-from jaxshroud.batch.marches import march_of
 from jaxshroud.batch.operation_count import TrialSize, size_of_trial
-from jaxshroud.batch.runs import stepping_method
+from jaxshroud.batch.runs import march_of, stepping_method
 from jaxshroud.cache.programs import kept
 from jaxshroud.march.events import model_events
 from jaxshroud.march.method import FAST, Choices, Method, choices

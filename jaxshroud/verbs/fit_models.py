@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from jaxshroud.batch.flows import as_differentiable
-from jaxshroud.batch.states import initial_states
+from jaxshroud.batch.lanes import initial_states
 from jaxshroud.fitting.measured import (
     Predicted,
     history_schedule,

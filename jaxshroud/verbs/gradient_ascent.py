@@ -9,9 +9,9 @@ import numpy as np
 
 from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.flows import as_differentiable
+from jaxshroud.batch.lanes import states_apart, to_vector
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import folded_tangents, unfolded_flow
-from jaxshroud.batch.states import states_apart, to_vector
 from jaxshroud.batch.tangents import direction, end_as_start, run_flow, without_direction
 from jaxshroud.linear.held_contact import is_linear
 from jaxshroud.linear.linear_motion import linear_flow

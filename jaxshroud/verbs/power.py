@@ -8,12 +8,12 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxshroud.batch.lanes import final_states
 from jaxshroud.batch.limits import check_size
 from jaxshroud.batch.periods import PERIODS_PER_CALL, Sample
 from jaxshroud.batch.plan import Plan, Progress, Runs, Ticker
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import final_states
-from jaxshroud.batch.zeno import zeno_warning
+from jaxshroud.batch.stepped_runs import zeno_warning
 from jaxshroud.io.lane_status import warn_failures
 from jaxshroud.linear.held_contact import LinearState, is_linear
 from jaxshroud.march.method import FOR_P_D_WITH_LEDGER

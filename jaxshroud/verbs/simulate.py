@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
+from jaxshroud.batch.lanes import final_states
 from jaxshroud.batch.limits import STEP_BYTES, check_memory
 from jaxshroud.batch.plan import Progress, Ticker
 from jaxshroud.batch.runs import trajectories
 from jaxshroud.batch.sampling import SampleGrid
-from jaxshroud.batch.states import final_states
-from jaxshroud.batch.zeno import zeno_of_trajectories
+from jaxshroud.batch.stepped_runs import zeno_of_trajectories
 from jaxshroud.io.lane_status import warn_failures
 from jaxshroud.march.method import REFERENCE, Choices
 from jaxshroud.model.arithmetic import filled

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from jaxshroud.batch.lanes import initial_states
 from jaxshroud.batch.limits import SAMPLE_BYTES, results_size
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.batch.runs import SweepHandover
-from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.threads import Interrupted, machine_identity
 from jaxshroud.io.store import read
 from jaxshroud.io.unfinished_store import BlockRecord, ChatterReport, Lanes, Unfinished, open_unfinished

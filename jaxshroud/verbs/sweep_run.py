@@ -8,13 +8,12 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from jaxshroud.batch.lanes import final_states
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.batch.plan import Plan, Runs, Ticker
 from jaxshroud.batch.runs import SweepHandover, continued_runs, independent_runs, stepping_method
-from jaxshroud.batch.states import final_states
-from jaxshroud.batch.stepped_runs import in_float64
+from jaxshroud.batch.stepped_runs import in_float64, zeno_warning
 from jaxshroud.batch.threads import Interrupted
-from jaxshroud.batch.zeno import zeno_warning
 from jaxshroud.io.scene_numbers import dimension
 from jaxshroud.linear.held_contact import is_linear
 from jaxshroud.march.accumulator import ContactTimes

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from jaxshroud import load, sweep
+from jaxshroud.batch.lanes import final_states, initial_states
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import final_states, initial_states
 from jaxshroud.march.method import FAST, RungeKutta
 from jaxshroud.scene.grids import grid_of_scenes
 

@@ -8,8 +8,7 @@ from side_by_side import EXACT, with_parts
 
 from jaxshroud import sweep, vary
 from jaxshroud.batch import xla
-from jaxshroud.batch.lanes import begin_lanes, lane_models
-from jaxshroud.batch.states import initial_states
+from jaxshroud.batch.lanes import begin_lanes, initial_states, lane_models
 from jaxshroud.batch.xla import best_mapping, fused, vmapped
 from jaxshroud.march.carry import Fixed, time_grid
 from jaxshroud.march.method import RungeKutta, Taylor

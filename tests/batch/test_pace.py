@@ -7,8 +7,8 @@ import pytest
 import jaxshroud as js
 from jaxshroud.batch import limits as pace
 from jaxshroud.batch.flows import as_differentiable
+from jaxshroud.batch.lanes import initial_states
 from jaxshroud.batch.limits import CallPace
-from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.tangents import TangentProblem, batched_tangents, direction
 from jaxshroud.march.method import explicit
 

@@ -7,7 +7,7 @@ import pytest
 import jaxshroud as js
 from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.flows import as_differentiable
-from jaxshroud.batch.states import from_vector, to_vector
+from jaxshroud.batch.lanes import from_vector, to_vector
 from jaxshroud.batch.tangents import direction, run_flow
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march import row_step as row_event_time

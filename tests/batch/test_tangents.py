@@ -16,9 +16,9 @@ import jaxshroud as js
 from jaxshroud import load, period_map, value_of, vary
 from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.flows import as_differentiable
+from jaxshroud.batch.lanes import final_states, from_vector, to_vector
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import final_states, from_vector, to_vector
 from jaxshroud.batch.tangents import direction, run_flow, tangents
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march import row_step, taylor_trial

@@ -10,9 +10,8 @@ import numpy as np
 from jax import lax
 from problem import PERIODS, Problem
 
-from jaxshroud.batch.lanes import begin_lanes, lane_models
+from jaxshroud.batch.lanes import begin_lanes, initial_states, lane_models
 from jaxshroud.batch.periods import LANES_PER_CALL, Clock, at_start_of_period, one_call, run_block
-from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import FOR_SERIES, best_mapping
 from jaxshroud.march.carry import Fixed, Lane, running
 from jaxshroud.march.method import Choices

@@ -64,9 +64,9 @@ def _ways(scenes: Any, words: str, periods: int) -> dict[str, Callable[[], np.nd
     """Functions that march the scenes from rest and give their final motions: in chunks, and all in one call."""
     from engine import motions, prepare_scenes
 
+    from jaxshroud.batch.lanes import initial_states
     from jaxshroud.batch.plan import Plan
     from jaxshroud.batch.runs import run_lanes
-    from jaxshroud.batch.states import initial_states
     from jaxshroud.march.method import Choices
     from jaxshroud.march.tableau import TaylorOptions, tableau
 

@@ -19,9 +19,8 @@ from peers import scalar_c
 from problem import PERIODS, Problem, errors, problem
 from test_peers import RESULTS, one_core  # noqa: F401
 
-from jaxshroud.batch.lanes import begin_lanes, lane_models
+from jaxshroud.batch.lanes import begin_lanes, initial_states, lane_models
 from jaxshroud.batch.periods import LANES_PER_CALL, Clock, at_start_of_period, one_call, run_block
-from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import fused
 from jaxshroud.march.carry import Fixed
 from jaxshroud.march.method import FAST, Choices
@@ -50,7 +49,7 @@ from problem import problem
 from jaxshroud.march.method import FAST
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import initial_states
+from jaxshroud.batch.lanes import initial_states
 scenes = scenes_of(problem(512))
 run = lambda: run_lanes(scenes, initial_states(scenes), Plan(0, 32, 500, 0.0, FAST), lambda _: None)
 run()

@@ -10,11 +10,10 @@ import pytest
 
 from jaxshroud import load
 from jaxshroud.batch.closed_form import closed_form_runs
-from jaxshroud.batch.lanes import begin_lanes
+from jaxshroud.batch.lanes import begin_lanes, initial_states
 from jaxshroud.batch.operation_count import size_of_trial
 from jaxshroud.batch.periods import PERIODS_PER_CALL, at_start_of_period, one_call, run_block
 from jaxshroud.batch.plan import Plan
-from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import best_mapping
 from jaxshroud.march.method import FAST
 from jaxshroud.scene.grids import grid_of_scenes

@@ -15,9 +15,9 @@ from rich.console import Console
 from rich.table import Table
 
 import jaxshroud as js
+from jaxshroud.batch.lanes import initial_states
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import initial_states
 from jaxshroud.march.accumulator import Counters
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import TaylorOptions, tableau

@@ -126,7 +126,7 @@ def test_continuation_starts_from_the_neighbour(tmp_path):
 
 
 def test_plot_does_not_simulate(stored, swept, monkeypatch, capsys):
-    monkeypatch.setattr("jaxshroud.batch.marches.STEPPED", None)
+    monkeypatch.setattr("jaxshroud.batch.runs.STEPPED", None)
     monkeypatch.setattr("jaxshroud.verbs.simulate.trajectories", None)
     for source, picture in ((swept, swept / "sweep.png"), (stored / "long.nc", stored / "long.png")):
         before = picture.stat().st_mtime_ns if picture.exists() else 0

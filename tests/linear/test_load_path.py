@@ -6,7 +6,7 @@ import points_reference
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.states import initial_states
+from jaxshroud.batch.lanes import initial_states
 from jaxshroud.linear.equilibrium import static_equilibria
 from jaxshroud.linear.load_path import loaded_equilibria
 from jaxshroud.model.modes import Mode

@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 import jaxshroud as js
 from jaxshroud.batch.flows import as_differentiable
-from jaxshroud.batch.states import initial_states
+from jaxshroud.batch.lanes import initial_states
 from jaxshroud.batch.tangents import direction, tangents
 from jaxshroud.march.method import choices
 

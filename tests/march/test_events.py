@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from exact import CASES, CONSISTENT
-from pair_views import view_in
+from pair_views import contact_of, view_in
 
 from jaxshroud.march import events
 from jaxshroud.march.accumulator import Counters, count_event
@@ -68,7 +68,7 @@ def seen(held: State, row: RowModel) -> GuardEvaluation:
 
 @eqx.filter_jit
 def _crossed(held: State, kind: jax.Array, row: RowModel, late: jax.Array) -> tuple[Transition, GuardEvaluation]:
-    event = transition(held, view_in(held, row), kind, late, jnp.asarray(0.0), row.pair)
+    event = transition(held, view_in(held, row), kind, late, jnp.asarray(0.0), contact_of(row))
     return event, view_in(State(held.motion, event.after.u_s, event.after.mode, event.after.case), row)
 
 
@@ -84,7 +84,7 @@ def values(held: State, row: RowModel) -> np.ndarray:
 
 
 def force(view: GuardEvaluation, state: State, row: RowModel) -> float:
-    return float(row.pair.law.friction_force(view.at.v, view.at.u, state.u_s, state.mode))
+    return float(contact_of(row).law.friction_force(view.at.v, view.at.u, state.u_s, state.mode))
 
 
 def inside(sides, mode: Mode, case: int, v=V, height=None, theta=None, v_rate=0.0, u_rate=None, w=0.5) -> State:
@@ -273,8 +273,8 @@ def test_a_loaded_case_switch_carries_the_stretch(sides, ready, mode, kind, plac
 def test_energy_after_an_event_is_that_of_the_state_after_it(sides, ready):
     # The booked jump and the energy of the new mode are the same function.
     event, after = crossed(inside(sides, Mode.SLIP_PLUS, 1, height=0.0), AT_HEIGHT, ready)
-    w = ready.pair.law.stretch(after.at.v, after.at.u, event.after.u_s, event.after.mode)
-    new = ready.pair.law.stored_energy(after.at.v, w, event.after.mode)
+    w = contact_of(ready).law.stretch(after.at.v, after.at.u, event.after.u_s, event.after.mode)
+    new = contact_of(ready).law.stored_energy(after.at.v, w, event.after.mode)
     np.testing.assert_allclose(new - event.energy, (K * V**2 + K_D * (LAG * V) ** 2) / 2, rtol=1e-10)
 
 

@@ -11,9 +11,9 @@ import reference
 from side_by_side import Choices, ends, relative_error, run, sizes, tableau, with_parts
 
 import jaxshroud as js
+from jaxshroud.batch.lanes import final_states, initial_states
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import final_states, initial_states
 from jaxshroud.march.method import FAST, FAST_WITH_LEDGER
 from jaxshroud.march.stability import largest_frequency, step_limits, steps_for
 from jaxshroud.march.tableau import RK4

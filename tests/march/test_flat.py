@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import reference
-from pair_views import rates_in, view_in
+from pair_views import contact_of, rates_in, view_in
 from side_by_side import EXACT, counts, ends, energy_residual, relative_error, run, scene_of, sizes
 
 import jaxshroud as js
@@ -205,7 +205,7 @@ def test_torques_at_the_ends_of_the_overlap_are_those_of_its_corners(mode):
             np.testing.assert_allclose(view.torques, ends, rtol=0, atol=1e-12)
         highs += int(view.at.height > 0)
         # Control: the whole face instead of the overlap.
-        face = view.torques.lower - float(row.pair.law.normal_force(view.at.v, held.mode)) * 30e-3
+        face = view.torques.lower - float(contact_of(row).law.normal_force(view.at.v, held.mode)) * 30e-3
         assert abs(face - view.torques.upper) > 1e-4 * abs(ends[0] - ends[1])
     assert 0 < highs < 12
 
@@ -226,7 +226,7 @@ def with_case(held: State, case: int) -> State:
 def torque_in(held: State, wave, case: int, row) -> float:
     """Reduced inertia times the acceleration of theta_1 - theta_2 in contact at a corner, by Eq. (1)."""
     left, right = rates_in(with_case(held, case), row, wave).acceleration.theta
-    return float(row.pair.mobility.joint * (left - right))
+    return float(contact_of(row).mobility.joint * (left - right))
 
 
 @pytest.mark.full

@@ -12,7 +12,7 @@ from modal_reference import assert_alike, difference
 from test_modal_blades import BY_BOTH, MODES, PERIODS, N
 
 import jaxshroud as js
-from jaxshroud.batch.states import initial_states
+from jaxshroud.batch.lanes import initial_states
 from jaxshroud.model.linear import steady_amplitudes
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.text import text_of

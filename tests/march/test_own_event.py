@@ -15,10 +15,9 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.lanes import begin_lanes
+from jaxshroud.batch.lanes import begin_lanes, initial_states
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import initial_states
 from jaxshroud.cache.key import UnknownPartError, description
 from jaxshroud.march.accumulator import Counters
 from jaxshroud.march.event import ContactNow, Event, Guard, Guards, guards_after_event

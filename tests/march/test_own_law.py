@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
+from jaxshroud.batch.lanes import initial_states
 from jaxshroud.batch.periods import Sample
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import initial_states
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.arithmetic import ZERO, Scalar, where

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
+from jaxshroud.batch.lanes import initial_states
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import initial_states
 from jaxshroud.cache.key import UnknownPartError, description
 from jaxshroud.march.accumulator import Log
 from jaxshroud.march.events import place_contact

@@ -8,7 +8,7 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud.batch.flows import as_differentiable
-from jaxshroud.batch.states import initial_states
+from jaxshroud.batch.lanes import initial_states
 from jaxshroud.batch.tangents import direction, tangents
 from jaxshroud.march.method import choices
 from jaxshroud.model.geometry import contact_kinematics, pose

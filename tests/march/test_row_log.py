@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.lanes import begin_lanes
+from jaxshroud.batch.lanes import begin_lanes, initial_states
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import initial_states
 from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.tableau import TaylorOptions, tableau
 from jaxshroud.scene.grids import scenes_at

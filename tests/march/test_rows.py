@@ -15,9 +15,8 @@ from row_runs import EXACT_ROW, part_of_period, row_scene_of, run_rows
 from scipy.linalg import expm
 
 import jaxshroud as js
-from jaxshroud.batch.lanes import begin_lanes, lane_models, lanes_at_start, lanes_last
+from jaxshroud.batch.lanes import begin_lanes, initial_states, lane_models, lanes_at_start, lanes_last
 from jaxshroud.batch.periods import CallLimits, Clock, at_start_of_period, run_block
-from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import best_mapping, vmapped
 from jaxshroud.march import row_trial
 from jaxshroud.march.carry import Fixed, time_grid

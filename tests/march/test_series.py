@@ -9,14 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 import opinions
 import pytest
-from pair_views import rates_in
+from pair_views import contact_of, rates_in
 from side_by_side import counts, ends, energy_residual, relative_error, run, scene_of, sizes, with_parts
 
 import jaxshroud as js
 from jaxshroud import Status, load, vary
+from jaxshroud.batch.lanes import carried_state, initial_states
 from jaxshroud.batch.runs import trajectories
 from jaxshroud.batch.sampling import SampleGrid
-from jaxshroud.batch.states import carried_state, initial_states
 from jaxshroud.march.carry import Fixed, time_grid
 from jaxshroud.march.events import EVENTS
 from jaxshroud.march.extremes import _polynomial_maximum
@@ -81,7 +81,7 @@ def expanded(state: State, scene) -> dict:
         [jax.jvp(lambda s, a=a: at_rate(a, s), (s,), (1.0,))[1] for a in zip(*b, strict=True)] for b in way.blades.own
     ]
     faces, contact = at_only_interface(way.faces), State(None, state.u_s, state.mode, state.case)
-    guards = [polynomial_value(guard, s) for _, guard in face_guards(faces, contact, scaled.pair)]
+    guards = [polynomial_value(guard, s) for _, guard in face_guards(faces, contact, contact_of(scaled))]
     seen = row_guards(now, there, scaled, alone, EVENTS).value
     wave = wave_at(jnp.int32(0), jnp.asarray(0.0), fixed.grid, alone)
 

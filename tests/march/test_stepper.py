@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.states import carried_state
+from jaxshroud.batch.lanes import carried_state
 from jaxshroud.batch.xla import vmapped
 from jaxshroud.march.carry import Fixed, time_grid
 from jaxshroud.march.method import FAST, Choices

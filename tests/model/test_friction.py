@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from pair_views import view_in
+from pair_views import contact_of, view_in
 
 from jaxshroud.march.event import first_kind
 from jaxshroud.march.events import EVENTS, transition
@@ -32,9 +32,11 @@ def led(row: RowModel, motions: Motion) -> tuple[jax.Array, jax.Array]:
         view = view_in(stayed, row)
         violated = {kind: view.guards.value[kind] > 0 for kind in range(len(EVENTS))}
         due = jnp.any(jnp.stack(list(violated.values())))
-        fired = transition(stayed, view, first_kind(violated), jnp.asarray(0.0), jnp.asarray(0.0), row.pair).after
+        fired = transition(
+            stayed, view, first_kind(violated), jnp.asarray(0.0), jnp.asarray(0.0), contact_of(row)
+        ).after
         held = jax.tree.map(lambda a, b: jnp.where(due, a, b), fired, stayed)
-        return held, (row.pair.law.friction_force(view.at.v, view.at.u, held.u_s, held.mode), view.at.u)
+        return held, (contact_of(row).law.friction_force(view.at.v, view.at.u, held.u_s, held.mode), view.at.u)
 
     first = jax.tree.map(lambda a: a[0], motions)
     apart = State(first, jnp.zeros(()), jnp.int32(Mode.APART), jnp.int32(0))

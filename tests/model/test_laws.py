@@ -8,9 +8,9 @@ import pytest
 from side_by_side import with_parts
 
 import jaxshroud as js
+from jaxshroud.batch.lanes import initial_states
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import initial_states
 from jaxshroud.march import stability
 from jaxshroud.march.method import FAST_WITH_LEDGER
 from jaxshroud.model.modes import Status

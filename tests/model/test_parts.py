@@ -7,9 +7,8 @@ import pytest
 from side_by_side import EXACT, ends, relative_error, run, sizes, with_parts
 
 import jaxshroud as js
-from jaxshroud.batch.lanes import begin_lanes
+from jaxshroud.batch.lanes import begin_lanes, initial_states
 from jaxshroud.batch.operation_count import lowered_operations, size_of_trial
-from jaxshroud.batch.states import initial_states
 from jaxshroud.march.method import FAST, FAST_WITH_LEDGER
 from jaxshroud.model.linear import steady_amplitudes
 from jaxshroud.model.modes import Status

@@ -5,7 +5,7 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud import load
-from jaxshroud.batch.states import initial_states
+from jaxshroud.batch.lanes import initial_states
 from jaxshroud.march.method import FAST
 from jaxshroud.model.prepared import State
 from jaxshroud.orbits.lyapunov import first_frames, largest_exponents, mean_exponents, next_frames

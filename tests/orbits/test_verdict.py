@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxshroud import Status, load
-from jaxshroud.batch.states import initial_states
+from jaxshroud.batch.lanes import initial_states
 from jaxshroud.march.method import FAST
 from jaxshroud.model.prepared import initial_state
 from jaxshroud.orbits.batched_algorithms import run_alone

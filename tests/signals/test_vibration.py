@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
+from jaxshroud.batch.lanes import initial_states
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.march.method import FAST, FOR_P_D, Taylor, choices
 from jaxshroud.model.linear import free_power

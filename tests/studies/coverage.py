@@ -25,9 +25,9 @@ import numpy as np
 from scipy.signal import lfilter
 
 import jaxshroud as js
+from jaxshroud.batch.lanes import initial_states
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import choices
 from jaxshroud.model.linear import area, free_power

@@ -27,9 +27,9 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
+from jaxshroud.batch.lanes import initial_states  # noqa: E402
 from jaxshroud.batch.plan import Plan  # noqa: E402
 from jaxshroud.batch.runs import run_lanes  # noqa: E402
-from jaxshroud.batch.states import initial_states  # noqa: E402
 from jaxshroud.march.method import Choices  # noqa: E402
 from jaxshroud.march.tableau import TaylorOptions, tableau  # noqa: E402
 from jaxshroud.scene.blades import Blades  # noqa: E402

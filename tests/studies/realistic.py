@@ -14,9 +14,9 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxshroud.batch.lanes import initial_states
 from jaxshroud.batch.plan import Plan, Runs
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import initial_states
 from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.stability import step_limits, stiffest
 from jaxshroud.march.tableau import tableau

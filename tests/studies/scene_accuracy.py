@@ -31,9 +31,9 @@ import numpy as np
 jax.config.update("jax_enable_x64", True)
 
 import jaxshroud as js  # noqa: E402
+from jaxshroud.batch.lanes import final_states, initial_states  # noqa: E402
 from jaxshroud.batch.plan import Plan  # noqa: E402
 from jaxshroud.batch.runs import run_lanes  # noqa: E402
-from jaxshroud.batch.states import final_states, initial_states  # noqa: E402
 from jaxshroud.march.method import FAST, Method, choices  # noqa: E402
 from jaxshroud.model.prepared import State  # noqa: E402
 from jaxshroud.scene.layout import PAIR  # noqa: E402

@@ -232,8 +232,8 @@ def programs_kept() -> Iterator[None]:
 def row_tangents(scene: js.Scene, how: Any) -> tuple[Any, ...]:
     """A period of a row with the tangents that Newton's method and gradients take."""
     from jaxshroud.batch.flows import as_differentiable, begin_flows, end_flows, flow_with_tangents
+    from jaxshroud.batch.lanes import initial_states
     from jaxshroud.batch.periods import one_call
-    from jaxshroud.batch.states import initial_states
     from jaxshroud.batch.tangents import TangentProblem, direction
     from jaxshroud.batch.xla import best_mapping
     from jaxshroud.march.method import choices

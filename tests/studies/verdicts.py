@@ -33,10 +33,10 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxshroud as js
+from jaxshroud.batch.lanes import final_states, initial_states, to_vector
+from jaxshroud.batch.lanes import motion_rows as rows_of
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import final_states, initial_states, to_vector
-from jaxshroud.batch.states import motion_rows as rows_of
 from jaxshroud.march.method import choices
 from jaxshroud.orbits.batched_algorithms import run_together
 from jaxshroud.orbits.lyapunov import largest_exponents

@@ -10,9 +10,9 @@ import pytest
 import tomli_w
 
 import jaxshroud as js
+from jaxshroud.batch.lanes import initial_states
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import folded, run_lanes
-from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.tangents import run_flow
 from jaxshroud.cli import commands as cli
 from jaxshroud.cli.mistune import claimed_store

@@ -8,9 +8,9 @@ import pytest
 import jaxshroud as js
 from jaxshroud import load, power, tune, vary
 from jaxshroud import open as open_result
+from jaxshroud.batch.lanes import initial_states
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.states import initial_states
 from jaxshroud.march.method import FAST
 from jaxshroud.march.method_names import TABLEAUS
 from jaxshroud.march.tableau import tableau
