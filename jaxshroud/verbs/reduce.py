@@ -397,7 +397,12 @@ def _notes_on(blade: ReducedBlade, found: Reduced, size: float) -> Iterator[str]
     if np.isnan(blade.left_out).all():
         yield "What the shapes leave out of the shroud's static flexibility is not known."
     else:
-        yield from _notes_on_statics(blade, found)
+        carried = "which the residual vectors carry" if found.residual.any() else "which nothing carries"
+        yield f"The modes leave out {_shares(found)} of the shroud's static flexibility, {carried}."
+    own = found.own_omega / math.tau
+    for j in np.flatnonzero(own > blade.f * (1 + 1e-9)):
+        told = f"{own[j]:.4g} Hz" if own[j] < 1e30 else "that of no mass"
+        yield f"Residual vector {j} has {blade.f[j]:.4g} Hz in the place of {told}: fewer steps, the same flexibility."
     if len(bent := np.flatnonzero(np.nan_to_num(blade.misfit) > LARGE_MISFIT)):
         most = 100 * np.max(blade.misfit[bent])
         which = ", ".join(map(str, bent))
@@ -409,16 +414,6 @@ def _notes_on(blade: ReducedBlade, found: Reduced, size: float) -> Iterator[str]
     low, high = USUAL_SIZES
     if not low <= size <= high:
         yield f"Nodes of a shroud at {size:.3g} m from its centre are absurd: are the units right?"
-
-
-def _notes_on_statics(blade: ReducedBlade, found: Reduced) -> Iterator[str]:
-    left = _shares(found)
-    carried = "which the residual vectors carry" if found.residual.any() else "which nothing carries"
-    yield f"The modes leave out {left} of the shroud's static flexibility, {carried}."
-    own = found.own_omega / math.tau
-    for j in np.flatnonzero(found.residual & (own > blade.f * (1 + 1e-9))):
-        told = f"{own[j]:.4g} Hz" if own[j] < 1e30 else "that of no mass"
-        yield f"Residual vector {j} has {blade.f[j]:.4g} Hz in the place of {told}: fewer steps, the same flexibility."
 
 
 def _shares(of: Reduced) -> str:
