@@ -421,15 +421,15 @@ def _shares(of: Reduced) -> str:
 
 
 def _notes_on_more(found: Reduced, more: Reduced) -> Iterator[str]:
-    """What one more mode would change."""
+    """What one more mode would change, of stuck frequencies those up to that of the highest mode that is kept."""
     count = found.shapes.shape[1]
     if more.shapes.shape[1] > count:
         springs = 10 / np.sum((more.at_shroud / more.omega) ** 2, axis=1)
-        now, then = (stuck_frequencies(one, springs)[:count] for one in (found, more))
-        change = 100 * np.max(np.abs(now / then - 1))
-        left = _shares(more)
-        of = "frequency" if count == 1 else f"{count} frequencies"
+        now, then = (stuck_frequencies(one, springs) for one in (found, more))
+        told = max(1, np.sum(then <= found.omega[count - 1]))
+        change = 100 * np.max(np.abs(now[:told] / then[:told] - 1))
+        of = "frequency" if told == 1 else f"{told} frequencies"
         yield (
-            f"With one more mode, at {more.omega[count] / math.tau:.4g} Hz, modes leave out {left}, "
-            f"and the first {of} on springs of ten times the shroud's stiffness change by {change:.2g} %."
+            f"With one more mode, at {more.omega[count] / math.tau:.4g} Hz, modes leave out {_shares(more)}, "
+            f"and on springs of ten times the shroud's stiffness the lowest {of} would change by {change:.2g} %."
         )
