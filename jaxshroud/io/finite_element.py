@@ -3,7 +3,7 @@
 | file | holds |
 |---|---|
 | `.npz` of NumPy | arrays `K`, `M`, perhaps `C`, `dofs` and `nodes`, dense; or one matrix as scipy.sparse saves it |
-| `.mat` of MATLAB | the same, as plain arrays |
+| `.mat` of MATLAB | the same, as plain arrays; before 7.3 sparse ones too |
 | `.npz` or `.mat` of shapes | arrays `f`, `phi`, perhaps `zeta`, `mass`, `kind`, `dofs` and `nodes` |
 | CSV of shapes | lines `f`, `zeta`, `mass`, `kind`, then `node.direction`, with a cell of each mode |
 | Matrix Market, under any suffix | one matrix |

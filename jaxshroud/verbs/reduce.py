@@ -397,7 +397,12 @@ def _notes_on(blade: ReducedBlade, found: Reduced, size: float) -> Iterator[str]
     if np.isnan(blade.left_out).all():
         yield "What the shapes leave out of the shroud's static flexibility is not known."
     else:
-        yield from _notes_on_statics(blade, found)
+        carried = "which the residual vectors carry" if found.residual.any() else "which nothing carries"
+        yield f"The modes leave out {_shares(found)} of the shroud's static flexibility, {carried}."
+    own = found.own_omega / math.tau
+    for j in np.flatnonzero(own > blade.f * (1 + 1e-9)):
+        told = f"{own[j]:.4g} Hz" if own[j] < 1e30 else "that of no mass"
+        yield f"Residual vector {j} has {blade.f[j]:.4g} Hz in the place of {told}: fewer steps, the same flexibility."
     if len(bent := np.flatnonzero(np.nan_to_num(blade.misfit) > LARGE_MISFIT)):
         most = 100 * np.max(blade.misfit[bent])
         which = ", ".join(map(str, bent))
@@ -411,30 +416,20 @@ def _notes_on(blade: ReducedBlade, found: Reduced, size: float) -> Iterator[str]
         yield f"Nodes of a shroud at {size:.3g} m from its centre are absurd: are the units right?"
 
 
-def _notes_on_statics(blade: ReducedBlade, found: Reduced) -> Iterator[str]:
-    left = _shares(found)
-    carried = "which the residual vectors carry" if found.residual.any() else "which nothing carries"
-    yield f"The modes leave out {left} of the shroud's static flexibility, {carried}."
-    own = found.own_omega / math.tau
-    for j in np.flatnonzero(found.residual & (own > blade.f * (1 + 1e-9))):
-        told = f"{own[j]:.4g} Hz" if own[j] < 1e30 else "that of no mass"
-        yield f"Residual vector {j} has {blade.f[j]:.4g} Hz in the place of {told}: fewer steps, the same flexibility."
-
-
 def _shares(of: Reduced) -> str:
     return ", ".join(f"{100 * a:.3g} % along {name}" for name, a in zip(COORDINATES, of.left_out, strict=True))
 
 
 def _notes_on_more(found: Reduced, more: Reduced) -> Iterator[str]:
-    """What one more mode would change."""
+    """What one more mode would change, of stuck frequencies those up to that of the highest mode that is kept."""
     count = found.shapes.shape[1]
     if more.shapes.shape[1] > count:
         springs = 10 / np.sum((more.at_shroud / more.omega) ** 2, axis=1)
-        now, then = (stuck_frequencies(one, springs)[:count] for one in (found, more))
-        change = 100 * np.max(np.abs(now / then - 1))
-        left = _shares(more)
-        of = "frequency" if count == 1 else f"{count} frequencies"
+        now, then = (stuck_frequencies(one, springs) for one in (found, more))
+        told = max(1, np.sum(then <= found.omega[count - 1]))
+        change = 100 * np.max(np.abs(now[:told] / then[:told] - 1))
+        of = "frequency" if told == 1 else f"{told} frequencies"
         yield (
-            f"With one more mode, at {more.omega[count] / math.tau:.4g} Hz, modes leave out {left}, "
-            f"and the first {of} on springs of ten times the shroud's stiffness change by {change:.2g} %."
+            f"With one more mode, at {more.omega[count] / math.tau:.4g} Hz, modes leave out {_shares(more)}, "
+            f"and on springs of ten times the shroud's stiffness the lowest {of} would change by {change:.2g} %."
         )

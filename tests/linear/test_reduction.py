@@ -360,6 +360,8 @@ def test_one_more_mode_is_told(model):
 
     # Residual vectors carry what modes alone lack.
     assert change(6) < 0.1 < 1.0 < change(6, residuals=False)
+    # A fifth mode, at 2.6 times the fourth, is no change of those below.
+    assert change(4) < 0.001
     blade = reduce(model, n_modes=3)
     shares = zip(["x", "y", "theta"], reduce(model, n_modes=4).left_out, strict=True)
     left = ", ".join(f"{100 * a:.3g} % along {name}" for name, a in shares)
