@@ -9,7 +9,7 @@ import pytest
 import jaxshroud
 
 LONG = {  # seconds each; pages of the documentation show the same
-    *("jaxshroud.batch.rollout", "jaxshroud.batch.rollout"),
+    "jaxshroud.batch.rollout",
     *(f"jaxshroud.verbs.{verb}" for verb in ("attractors", "branch", "diagnose", "fit", "report")),
     *(f"jaxshroud.verbs.{verb}" for verb in ("gradient", "mistune", "response", "trade", "tune")),
 }

@@ -151,7 +151,8 @@ def given_states(states: State, scenes: Scene, precision: Precision) -> State:
 
 def carried_state(state: State, model: RowModel) -> State:
     """A user's state, or those of lanes along a last axis, in the form that compiled loops carry."""
-    parts, law = model.parts, at_only_interface(model.interfaces.law)
+    parts = model.parts
+    law = at_only_interface(model.interfaces.law)
     u_s, mode = state.u_s, state.mode
 
     def along(name: str, numbers: Any) -> Any:

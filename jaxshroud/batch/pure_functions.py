@@ -398,7 +398,8 @@ def lane_outcomes(scenes: Scene, states: State, plan: SweepPlan) -> LaneOutcomes
 
 def _lane_outcomes(scenes: Scene, states: State, plan: SweepPlan) -> LaneOutcomes:
     """The results of lanes, by the periods of the verb `sweep`."""
-    clock, method, each = plan.clock, plan.method, best_mapping()
+    clock, method = plan.clock, plan.method
+    each = best_mapping()
     model, periods = lane_models(scenes)
     fixed = Fixed(model, clock.grids(periods), clock.steps)
 

@@ -144,7 +144,8 @@ def _rub(m: int = 0, place: str = "") -> Event:
     )
 
 
-LIFT, RUB = _lift(), _rub()
+LIFT = _lift()
+RUB = _rub()
 TURN = Event(
     name="turn",
     label="corner pair",

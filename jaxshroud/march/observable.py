@@ -1,7 +1,6 @@
 """What an observable is: a quantity that is logged along a march, of every interface or of every blade.
 
-The built-in ones stand in `observables`; `Choices.observables` has a user's own. `log` keeps their values through the
-trials of pairs, `row_log` through those of rows.
+The built-in ones stand in `logged`; `Choices.observables` has a user's own. `log` keeps their values through trials.
 """
 
 from collections.abc import Callable

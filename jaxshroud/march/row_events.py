@@ -298,7 +298,8 @@ def change_of_row(
 
 def no_change(lane: Lane, end: State, v: Any, method: Choices) -> RowChange:
     """What happens where a trial of contact without events ended, with penetrations `v` [m]: nothing."""
-    accumulator, no = lane.accumulator, jnp.zeros_like(lane.step, bool)
+    accumulator = lane.accumulator
+    no = jnp.zeros_like(lane.step, bool)
     at = InterfaceChange(
         u_s=end.u_s,
         mode=end.mode,

@@ -172,7 +172,8 @@ def update_after_taylor(
     def with_sums(lane: Lane, values: tuple[Any, ...]) -> Lane:
         return eqx.tree_at(sums, lane, values, is_leaf=lambda a: a is None)
 
-    update, trees = partial(update, each=alone), (lanes, trials, fixed)
+    update = partial(update, each=alone)
+    trees = lanes, trials, fixed
     others = each(lambda *trees: with_sums(update(*trees), (None,) * 3), *trees)
     return with_sums(others, each(lambda *trees: sums(update(*trees)), *trees))
 
@@ -238,7 +239,8 @@ def trial_outcome(
     here = event.end <= first + SIMULTANEOUS[h.dtype.itemsize] * h
     reject = any_along(event.reject) & ~any_along(event.fire & (event.end == 0))  # nothing comes before the start
     end = greatest(where(here, event.end, 0.0))
-    fires, pending = here & event.fire & ~reject, search.pending
+    fires = here & event.fire & ~reject
+    pending = search.pending
     at_root = end > 0
     if pending is not None:
         fires, at_root, pending = one_after_the_other(fires, place_of_largest(fires), pending, at_root)

@@ -62,7 +62,8 @@ class ComplexForce(NamedTuple):
 
     def force(self, name: str, wave: Any) -> Any:
         """The force along x or y [N], the moment on theta [N m], or the force on a mode, such as "Q0", at a wave."""
-        (sine, cosine), (re, im) = wave, self.parts.get(name, (ZERO, ZERO))
+        sine, cosine = wave
+        re, im = self.parts.get(name, (ZERO, ZERO))
         return re * sine + im * cosine
 
     def on_mode(self, j: int, wave: Any) -> Any:
@@ -143,17 +144,16 @@ def multiple_angle(s: Scalar, c: Scalar, n: int) -> tuple[Scalar, Scalar]:
     """(sin, cos) of `n` times the angle with this sine and cosine, by angle addition."""
     if n == 0:
         return jnp.zeros_like(s), jnp.ones_like(c)
-    sine, cosine = s, c
+    turned = s, c
     for _ in range(n - 1):
-        sine, cosine = sine * c + cosine * s, cosine * c - sine * s
-    return sine, cosine
+        sine, cosine = turned
+        turned = sine * c + cosine * s, cosine * c - sine * s
+    return turned
 
 
 def _turned_back(s: Scalar, c: Scalar, quarters: int) -> tuple[Scalar, Scalar]:
     """(sin, cos) of an angle so many quarters of a turn before."""
-    for _ in range(quarters % 4):
-        s, c = -c, s
-    return s, c
+    return ((s, c), (-c, s), (-s, -c), (c, -s))[quarters % 4]
 
 
 def _sine_series(n: int, value: Scalar, rate: Scalar) -> Series:

@@ -206,8 +206,9 @@ def free_components(
     components = []
     for n, steady in swing.steady.items():
         s, c = multiple_angle(*phase, n)
-        re, im = steady.real, steady.imag
-        re, im = re * c - im * s, re * s + im * c  # the amplitude with its phase measured from there
+        # the amplitude with its phase measured from there
+        re = steady.real * c - steady.imag * s
+        im = steady.real * s + steady.imag * c
         deviation, rate = deviation - im, rate - drive.frequency(n) * re
         components += [0 * re, 0 * im] if from_static and n == 0 else [re, im]
     return jnp.stack([deviation, rate, *components], axis=-1)

@@ -163,6 +163,7 @@ class ContactEffects(NamedTuple):
 
 def contact_effects(now: State, model: Model, recorded: Recorded) -> ContactEffects:
     """The effects of contact at one interface."""
-    (point, forces, load), law = loaded_contact(now, model), model.law
+    point, forces, load = loaded_contact(now, model)
+    law = model.law
     lost = law.dissipated_power(point, forces) if recorded.ledger else None
     return ContactEffects(load, forces.u_s, lost, law.load_rates(point, forces) if recorded.loads else None)

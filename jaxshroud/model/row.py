@@ -146,7 +146,8 @@ def prepared_row(scene: Scene) -> RowModel:
     of_blades = blades, excitation(scene.drive), blades.inverse_masses(parts), static_position(scene)
     between = neighbour_springs(scene), () if modes is None else modes.kappa
     if row is None:
-        of_blades, between = along_blades(of_blades), at_interface(between)
+        of_blades = along_blades(of_blades)
+        between = at_interface(between)
         interfaces = at_interface(prepared_model(scene))
     else:
         interfaces = jax.vmap(lambda j: prepared_model(pair_at(scene, j)))(jnp.arange(row.interfaces))
@@ -166,7 +167,7 @@ def prepared_row(scene: Scene) -> RowModel:
         coupling=coupling,
         kappa=kappa,
         aero=aero_matrices(scene),
-        closed=row is not None and row.closed,
+        closed=scene.layout.closed,
         parts=parts,
     )
 
@@ -336,7 +337,8 @@ def clusters(case: CaseOfInterfaces, model: RowModel) -> Cluster | FlatPair:
     inertia = jnp.sum(jnp.where(same, I[None], 0.0), axis=1)
     left = first if closed else first[:-1]
     before = flat[:, None] & same[: len(flat)] & (first[None] <= left[:, None])
-    left, right = left_of_interfaces(inertia, closed), right_of_interfaces(inertia, closed)
+    left = left_of_interfaces(inertia, closed)
+    right = right_of_interfaces(inertia, closed)
     share = jnp.where(same, I[None] / inertia[:, None], 0.0)
     return Cluster(flat, share, left * right / (left + right), before, all_round)
 

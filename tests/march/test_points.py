@@ -215,7 +215,7 @@ def test_forces_are_those_of_virtual_work_and_balance():
     total = load.M[0] + load.M[1] + apart[0] * load.R_y - apart[1] * load.R_x
     assert abs(total) < 1e-12 * np.abs(found).max()
     # The half turn: displacements (-x_2, -y_2, theta_2, -x_1, -y_1, theta_1).
-    turned = placed(3, np.array([-q[1], -q[0], -q[3], -q[2], q[5], q[4]]))[1].loaded.load
+    turned = placed(3, np.array([-q[1], -q[0], -q[3], -q[2], q[5], q[4]]))[1].load
     np.testing.assert_allclose([turned.R_x, turned.R_y], [load.R_x, load.R_y], rtol=1e-11)
     np.testing.assert_allclose(turned.M, load.M[::-1], rtol=1e-11)
 
