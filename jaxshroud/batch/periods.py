@@ -337,11 +337,12 @@ def marched_block(
         on = (i < limits.most) & (passes > 0)
         lanes, begun = select_tree(on & ~inside, part.begin(lanes), (lanes, begun))
         stop = jnp.where(on, part.stop(begun), jnp.zeros_like(lanes.step))
-        lanes, passes = march(lanes, Fixed(*constants, stop), method, each, passes=passes)
+        lanes, passes = march(lanes, Fixed(models, grids, stop), method, each, passes=passes)
         over = on & ~jnp.any(running(lanes, stop))
         lanes, sample = part.end(lanes, begun, over)
         return (Interim(lanes, begun, (on | inside) & ~over), passes), (sample, over)
 
+    models, grids = constants
     first = begin._replace(lanes=lanes_last(begin.lanes)), limits.passes
     (end, _), (samples, over) = lax.scan(one, first, jnp.arange(length, dtype=jnp.int32))
     return end._replace(lanes=lanes_first(end.lanes)), jnp.sum(over, dtype=jnp.int32), samples
