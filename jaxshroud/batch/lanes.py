@@ -168,7 +168,8 @@ def carried_state(state: State, model: RowModel) -> State:
     if law.has_points and not model.is_pair and not isinstance(mode, tuple):
         u_s, mode = (jnp.moveaxis(a, 1, 0) for a in (u_s, mode))  # the axis of points first
     contact = law.carried_slider(u_s, mode), law.carried_mode(mode), state.case
-    return State(motion, *(at_interface(contact) if model.is_pair else contact))
+    u_s, mode, case = at_interface(contact) if model.is_pair else contact
+    return State(motion, u_s, mode, case)
 
 
 def on_last_axis(tree: Any) -> Any:

@@ -332,12 +332,14 @@ def marched_block(
     the models of the lanes, lanes last, and their time grids.
     """
 
+    model, grids = constants
+
     def one(carry, i):
         (lanes, begun, inside), passes = carry
         on = (i < limits.most) & (passes > 0)
         lanes, begun = select_tree(on & ~inside, part.begin(lanes), (lanes, begun))
         stop = jnp.where(on, part.stop(begun), jnp.zeros_like(lanes.step))
-        lanes, passes = march(lanes, Fixed(*constants, stop), method, each, passes=passes)
+        lanes, passes = march(lanes, Fixed(model, grids, stop), method, each, passes=passes)
         over = on & ~jnp.any(running(lanes, stop))
         lanes, sample = part.end(lanes, begun, over)
         return (Interim(lanes, begun, (on | inside) & ~over), passes), (sample, over)
