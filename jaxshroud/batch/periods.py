@@ -331,7 +331,6 @@ def marched_block(
     Samples have the axes (part, lane); those after the last part that has ended are meaningless. The `constants` are
     the models of the lanes, lanes last, and their time grids.
     """
-
     model, grids = constants
 
     def one(carry, i):
