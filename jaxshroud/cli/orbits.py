@@ -58,7 +58,7 @@ def _output_orbit(completed: VerbCall) -> None:
         rest = len(orbit.multipliers) - len(multipliers)
         largest = abs(orbit.multipliers[0])
         rows = {
-            "motion": f"period {orbit.q}, {'stable' if largest < 1 else 'unstable'}",
+            "motion": f"period {orbit.q}, {'unstable' if 'unstable' in orbit.flags else 'stable'}",
             "P_d": f"{orbit.P_d:.6g} %",
             "P_d of the vibration": f"{orbit.P_d_vibration:.6g} %",
             "largest multiplier": f"{largest:.4g}",

@@ -215,16 +215,21 @@ def one_after_the_other(fires: Any, place: Any, pending: Any, moves: Any) -> tup
     return first, moves | waits, left
 
 
-def first_crossed(low: Guards, end: Guards, violated: Violated, otherwise: Target) -> tuple[Pair, Target]:
-    """The guard that was crossed first, by linear interpolation, and its share of the width above zero as a fraction.
+def first_crossed(
+    low: Guards, end: Guards, violated: Violated, width: Scalar, otherwise: Target
+) -> tuple[Pair, Target]:
+    """The guard that was crossed first, and the share of the `width` [s] in which it was above zero, as a fraction.
 
-    Where none is violated, the share is 0 and the target that is given.
+    The share is that of a straight line between both ends, or along the rate at the upper one where this is less: a
+    guard that has just been crossed is zero at the lower end. Where none is violated, it is 0, and the target is the
+    one that is given.
     """
     largest = (jnp.zeros_like(otherwise.value), jnp.ones_like(otherwise.value))
     chosen = otherwise
     for kind in violated:
         above = end.value[kind]
-        share = above, above - jnp.minimum(low.value[kind], 0.0)  # numerator, denominator
+        rise = jnp.maximum(above - jnp.minimum(low.value[kind], 0.0), end.rate[kind] * width)
+        share = above, rise  # numerator, denominator
         earlier = violated[kind] & (share[0] * largest[1] > largest[0] * share[1])
         largest = select(earlier, share, largest)
         new = Target(jnp.int32(kind), above, end.rate[kind], integral_of(end, kind), otherwise.tries)

@@ -155,16 +155,16 @@ class InterfaceOutcome(NamedTuple):
 
 
 def interface_outcome(
-    torque: Scalar, state: State, low: Guards, counts: Bool[Array, ""], length: Scalar, model: Model, events: Events
+    torque: Scalar, state: State, low: Guards, counts: Bool[Array, ""], width: Scalar, model: Model, events: Events
 ) -> InterfaceOutcome:
-    """The outcome at one interface of a trial of so many seconds that ended in `state`.
+    """The outcome at one interface of a trial that ended in `state`.
 
     Args:
         torque: The relative torque of its corner.
         state: Its end, in the mode and case of the trial.
         low: The guards at the lower end of the bracket, or at the start of the trial.
         counts: Whether a violated guard counts.
-        length: The length of the trial [s].
+        width: The time since the lower end of the bracket, or the start of the trial [s].
         model: The constants of the pair.
         events: The events of the march.
     """
@@ -177,9 +177,9 @@ def interface_outcome(
     jumps = forces_jump(kind, state, model, events)
     rounding = rounding_of(kind, view.at, events)
     exact = jumps & ~several & (select_guard(guards.value, kind) <= rounding)
-    zero, none = jnp.zeros_like(length), jnp.zeros_like(kind)
-    share, crossed = first_crossed(low, guards, violated, Target(none, zero, zero, zero, none))
-    top = first_interior_maximum(low, guards, length)
+    zero, none = jnp.zeros_like(width), jnp.zeros_like(kind)
+    share, crossed = first_crossed(low, guards, violated, width, Target(none, zero, zero, zero, none))
+    top = first_interior_maximum(low, guards, width)
     return InterfaceOutcome(guards, hit, kind, several, jumps & hit, exact, top, share[0] / share[1], crossed)
 
 

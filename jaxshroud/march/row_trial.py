@@ -103,7 +103,8 @@ def judge_row_trial(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method:
     counts = (search.length > 0) | search.recheck
     pairs = pair_states(end.state, model)
     at_interface = partial(interface_outcome, events=method.all_events)
-    outcome = over(each, at_interface, torque, pairs, lane.guards, counts, h, model.interfaces)
+    width = h - search.low * grid.h
+    outcome = over(each, at_interface, torque, pairs, lane.guards, counts, width, model.interfaces)
     judge = partial(judge_trial, method=method)
     of_row = row_outcome(search, outcome, lane.guards)
     decision = each(judge, search._replace(pending=None, turns=None), of_row, running(lane, stop), grid.h)

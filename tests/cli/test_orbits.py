@@ -39,6 +39,17 @@ def test_an_orbit_is_written_as_the_verb_returns_it(scene, tmp_path, capsys):
 
 
 @pytest.mark.full
+def test_an_orbit_of_blades_that_stick_at_rest_is_stable(tmp_path, capsys):
+    """The multiplier of their slider, which stays wherever it starts, is 1."""
+    at_rest = "--set", "drive.F_0=0", "--set", "shroud.gap=-0.02 mm"
+    assert cli.main(["orbit", *SCENE, *at_rest, "--most-periods", "256", "--out", str(tmp_path / "out")]) == 0
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["flags"] == ["not unique"]
+    assert np.hypot(*summary["multipliers"][0]) >= 1
+    assert "period 1, stable" in capsys.readouterr().out
+
+
+@pytest.mark.full
 def test_exponents_are_written_as_the_verb_returns_them(scene, tmp_path, capsys):
     words = ["lyapunov", *SCENE, "--periods", "8", "--transient", "4", "--out", str(tmp_path / "out")]
     assert cli.main(words) == 0

@@ -13,8 +13,10 @@ from pair_views import contact_of, view_in
 
 from jaxshroud.march import events
 from jaxshroud.march.accumulator import Counters, count_event
-from jaxshroud.march.event import GuardEvaluation, first_kind
+from jaxshroud.march.carry import Target
+from jaxshroud.march.event import GuardEvaluation, Guards, first_kind
 from jaxshroud.march.events import Transition, transition
+from jaxshroud.march.locate import first_crossed
 from jaxshroud.march.observable import Ending
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import State
@@ -280,6 +282,24 @@ def test_the_first_violated_guard_takes_precedence():
     for flags in itertools.product([False, True], repeat=4):
         want = flags.index(True) if any(flags) else AT_RUB
         assert int(first_kind(dict(enumerate(map(jnp.asarray, flags))))) == want
+
+
+@pytest.mark.parametrize(("late", "first"), [(1e-20, AT_RUB), (2e-7, AT_RUB), (4e-7, AT_TURN)])
+def test_a_turn_right_after_another_is_not_taken_for_earlier_than_a_stick(late, first):
+    """A guard that has just been crossed is zero at both ends of its bracket; a third of the width is above zero."""
+    rate, width = 0.2, 3e-6
+    zero = [jnp.zeros(())] * 4
+    low, end = list(zero), list(zero)
+    low[AT_RUB], end[AT_RUB] = jnp.asarray(-2e-3), jnp.asarray(1e-3)
+    low[AT_TURN], end[AT_TURN] = jnp.asarray(-1e-20), jnp.asarray(late)
+    rates = [*zero]
+    rates[AT_TURN] = jnp.asarray(rate)
+    violated = {kind: jnp.asarray(kind in (AT_TURN, AT_RUB)) for kind in FOUR}
+    nothing = Target(jnp.int32(0), *[jnp.zeros(())] * 3, tries=jnp.int32(0))
+    low, end = (Guards(tuple(values), tuple(rates), tuple(zero)) for values in (low, end))
+    (above, rise), crossed = first_crossed(low, end, violated, jnp.asarray(width), nothing)
+    assert int(crossed.kind) == first
+    np.testing.assert_allclose(above / rise, max(1 / 3, late / rate / width), rtol=1e-12)
 
 
 HAPPENINGS = [

@@ -18,7 +18,8 @@ it, cannot be held to it: its motion is chaotic or grazes. It is named, its even
 by a hundred times what that change moved it. Those whose faces rock hundreds of times in a period may graze without
 being named: where only the events of one of them differ, look at it.
 
-`--only PREFIX` runs, compares and stores the groups whose names begin so; what the files hold of others stays.
+`--only PREFIX` runs, compares and stores the groups whose names begin so, or stores single runs, "group/run"; what the
+files hold of others stays.
 `--moved 1e-9` changes the stiffness before the comparison, which must then fail: a control.
 """
 
@@ -175,11 +176,11 @@ def stored() -> Stored:
     return Stored(starts, by_run, grazing)
 
 
-def store(group: str) -> None:
-    """Run the groups whose names begin so, and write the file; which runs graze is asked anew of those that moved."""
+def store(path: str) -> None:
+    """Run those whose paths begin so, and write the file; which runs graze is asked anew of those that moved."""
     kept = stored() if FILE.exists() else Stored(on_attractors(), {}, {})
     given = Given(kept.starts)
-    for run in timed(run for run in all_runs() if run.group.startswith(group)):
+    for run in timed(run for run in all_runs() if run.path.startswith(path)):
         then, before = run.values(given), kept.runs.get(run.path, {})
         kept.runs[run.path] = then
         if "raised" in then:
