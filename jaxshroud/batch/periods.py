@@ -331,6 +331,7 @@ def marched_block(
     Samples have the axes (part, lane); those after the last part that has ended are meaningless. The `constants` are
     the models of the lanes, lanes last, and their time grids.
     """
+    models, grids = constants
 
     def one(carry, i):
         (lanes, begun, inside), passes = carry
@@ -342,7 +343,6 @@ def marched_block(
         lanes, sample = part.end(lanes, begun, over)
         return (Interim(lanes, begun, (on | inside) & ~over), passes), (sample, over)
 
-    models, grids = constants
     first = begin._replace(lanes=lanes_last(begin.lanes)), limits.passes
     (end, _), (samples, over) = lax.scan(one, first, jnp.arange(length, dtype=jnp.int32))
     return end._replace(lanes=lanes_first(end.lanes)), jnp.sum(over, dtype=jnp.int32), samples
