@@ -81,7 +81,10 @@ def reduced(line):
             line[i + 1] = "local:1"
     if line[0] == "explore" and "--out" not in line:  # which serves until Ctrl-C
         line += ["--out", "page.html"]
-    return [*line, *SMALLER.get(line[0], []), *(SCAN if line[0] == "tune" else []), *forced(line)]
+    smaller = SMALLER.get(line[0], [])
+    if "fem_blade" in line:  # whose damping is that of its modes
+        smaller = [word.replace("blades.c_x=40", "blades.modes[0].zeta=0.05") for word in smaller]
+    return [*line, *smaller, *(SCAN if line[0] == "tune" else []), *forced(line)]
 
 
 def forced(line):
