@@ -372,7 +372,7 @@ def _followed_angle(order: int, tolerance: Scalar) -> Scalar:
     A motion that is not excited bounds no trial by its coefficients, and is excited by rounding, or by a direction of
     derivatives. A decay of twice the rate is stable.
     """
-    error = math.factorial(order + 1) * tolerance
+    error = float(math.factorial(order + 1)) * tolerance  # too large for an integer of 32 bits
     return jnp.minimum(_power(error, 1 / (order + 1)), 0.65 + 0.187 * order)
 
 

@@ -109,6 +109,16 @@ def test_float64_is_refused_where_there_are_no_such_digits(scene, verb):
 
 
 @pytest.mark.full
+def test_power_series_run_where_jax_has_no_float64(scene):
+    single = js.Taylor(tolerance=1e-5, steps=50, precision="float32")
+    with jax.enable_x64(False):
+        alone = js.simulate(scene, n_periods=1, method=single)
+    beside = js.simulate(scene, n_periods=1, method=single)
+    assert alone.motion.x.dtype == np.float32
+    np.testing.assert_allclose(alone.motion.x, beside.motion.x, atol=1e-4 * np.abs(beside.motion.x).max())
+
+
+@pytest.mark.full
 def test_an_orbit_in_float32_closes(scene):
     single, double = (js.orbit(scene, method=m.replace(steps=200)) for m in (SINGLE, js.RungeKutta()))
     assert single.flags == double.flags == ()
