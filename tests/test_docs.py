@@ -65,10 +65,11 @@ def blocks(path, language):
 
 
 def commands(path):
-    """The command lines of a page, without those that install."""
+    """The command lines of a page, without those that install, or read a reader's own scene or what came of it."""
     lines = "".join(blocks(path, "sh")).replace("\\\n", " ").splitlines()
     split = [shlex.split(line, comments=True) for line in lines]
-    return [line[1:] for line in split if line and line[0] == "jaxshroud" and "FILE.toml" not in line]
+    own = {"FILE.toml"} | {line[line.index("--out") + 1] for line in split if "FILE.toml" in line and "--out" in line}
+    return [line[1:] for line in split if line and line[0] == "jaxshroud" and not own & set(line[2:3])]
 
 
 def reduced(line):
