@@ -130,10 +130,10 @@ class Clock(NamedTuple):
         start: float = 0.0,
         per_period: float | None = None,
         flat_return: float = FLAT_RETURN,
-        dtype: Any = float,
+        dtype: Any = None,
     ) -> "Clock":
-        """The grid of so many steps, by default those of a period, in a type of real numbers."""
-        per_period = steps if per_period is None else per_period
+        """The grid of so many steps, by default those of a period, in a type of real numbers, or in that of lanes."""
+        per_period = float(steps) if per_period is None else per_period
         flat = np.asarray(flat_return, dtype)
         return cls(jnp.asarray(start, dtype), jnp.int32(steps), jnp.asarray(per_period, dtype), flat)
 

@@ -48,7 +48,7 @@ class Interrupted(KeyboardInterrupt):
 
 @contextmanager
 def changing_what_is_done(change: Callable[[Any], Any]) -> Iterator[None]:
-    """A context in which an interruption tells of the finished part, if there is one, as changed."""
+    """A context in which an interruption carries the finished part, if there is one, as changed."""
     try:
         yield
     except Interrupted as stopped:
