@@ -40,7 +40,7 @@ FOR_SERIES = WIDE_VECTORS | ({"xla_cpu_use_fusion_emitters": False} if HAS_TWO_E
 Its kernels have 3,000 to 8,000 operations: until JAX 0.12 the usual emitter takes minutes for them, the other one
 seconds. Later there is one emitter, which takes seconds; its kernels are four times slower.
 """
-DUAL_NUMBERS = 160  # of values and tangents in one kernel; with more, two kernels are faster
+DUAL_NUMBERS = 180  # of values and tangents in one kernel; with more, two kernels are faster
 
 
 def compiled(*static: str) -> Callable[[Callable], Callable]:

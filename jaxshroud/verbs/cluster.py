@@ -102,10 +102,11 @@ def _await_answer(address: str) -> None:
         async with rpc(address) as scheduler:
             await scheduler.identity()
 
+    timeout = config.get("distributed.comm.timeouts.connect")
     try:
-        LoopRunner().run_sync(answer, callback_timeout=config.get("distributed.comm.timeouts.connect"))
+        LoopRunner().run_sync(answer, callback_timeout=timeout)
     except Exception as error:  # of any type: it depends on what answers
-        raise ConnectionError(error) from None
+        raise ConnectionError(str(error) or f"no answer within {timeout}") from None
 
 
 def _ignore_interrupts() -> None:
