@@ -2,7 +2,7 @@
 
 All commands run in turn, round after round, each in a process of its own; the figures are medians. The first round is
 not counted: it writes the bytecode, the compiled programs and the file that `plot` draws. With `--cold` every process
-has an empty cache; with `--against` another checkout runs every command as well, right after this one.
+has an empty cache; with `--against` another checkout runs every command as well, right after this one or before it.
 """
 
 import argparse
@@ -113,7 +113,7 @@ def measured(names: list[str], rounds: int, cold: bool, sources: dict[str, Path]
         taken: dict[str, dict[str, list]] = {label: {name: [] for name in names} for label in checkouts}
         for i in range(rounds + 1):
             for name in names:
-                for label, checkout in checkouts.items():
+                for label, checkout in list(checkouts.items())[:: (-1) ** i]:
                     both = checkout.seconds(name, cold)
                     if i:
                         taken[label][name].append(both)
