@@ -29,7 +29,7 @@ from jaxshroud.scene.title import CHANGE_SEPARATOR, subject_of
 
 GREEK = "alpha|beta|gamma|zeta|theta|phi|omega|tau|mu|sigma"
 SYMBOL = re.compile(rf"(?<![\w\\])(?:({GREEK}|[A-Za-z])_({GREEK}|\w{{1,2}})|({GREEK}))(?!\w)")
-UNIT_POWER = re.compile(r"\b([a-z]+)\^(-?\d)\b")
+UNIT_POWER = re.compile(r"\b([a-z]+)\^(-?\d+(?:\.\d+)?)\b")
 DECIMAL = re.compile(r"(?<![\w.\\])(\d+(?:\.\d+)?)e([+-]?)0*(\d+)\b")
 FORMULA_END = re.compile(r"(?<!\\)\$")  # either end
 ENTRY = r"[A-Za-z]\w*(?:\[\d+\](?:\.\w+(?:\[\d+\])?)?)?"  # of a table of a scene

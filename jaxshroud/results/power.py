@@ -100,7 +100,7 @@ def _unknown_because(result: Any) -> str:
         return "the faces never touch"
     if result.touches == 1:
         return "the blocks do not move against each other"
-    return "it takes contact, and blades that move along x and y"
+    return "it takes contact, and lumped blades that move along x and y"
 
 
 class FinalNumber(Variable):

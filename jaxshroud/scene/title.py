@@ -9,6 +9,7 @@ MOST_SHOWN = 4  # values of a list
 CHANGE_SEPARATOR = ", but "  # between a title and the overrides
 
 Tables = Mapping[str, Mapping[str, object]]
+Rows = dict[tuple[str, str], object]  # values by table and key
 
 
 def retitled(title: str, now: Tables, before: Tables | None, set_: Collection[tuple[str, str]]) -> str:
@@ -31,7 +32,7 @@ def retitled(title: str, now: Tables, before: Tables | None, set_: Collection[tu
         new = {key: value for key, value in rows.items() if old(*key) != value}
     if not new:
         return title
-    changed = {display_name(*key): display_value(*key, value) for key, value in new.items()}
+    changed = {display_name(*key): display_value(*key, value) for key, value in _without_modes(new, rows).items()}
     heading, _, earlier = title.partition(CHANGE_SEPARATOR)
     earlier_changes = [change for change in earlier.split(", ") if change and change.partition(" = ")[0] not in changed]
     return (
@@ -39,6 +40,15 @@ def retitled(title: str, now: Tables, before: Tables | None, set_: Collection[tu
         + CHANGE_SEPARATOR
         + ", ".join([*earlier_changes, *(f"{name} = {value}" for name, value in changed.items())])
     )
+
+
+def _without_modes(new: Rows, rows: Rows) -> Rows:
+    """The changes, those of many numbers of modes as one that tells how many modes there are."""
+    of_modes = [key for key in new if key[1].startswith("modes[")]
+    if len(of_modes) <= MOST_SHOWN:
+        return new
+    count = len({key[1].partition("]")[0] for key in rows if key[1].startswith("modes[")})
+    return {("blades", "blades"): f"{count} modes"} | {key: value for key, value in new.items() if key not in of_modes}
 
 
 def _default_of(table: str, key: str) -> object:

@@ -8,7 +8,8 @@ at each coordinate of each block, less what couples the blades otherwise. Along 
 of the faces at rest and along their tangent t = (cos alpha, sin alpha), the relative displacement of the blocks'
 centres d = q_1 - q_2 gives the dynamic stiffness K = -R d^-1 = k_eq + i omega c_eq, of which the sign is that of a
 spring and a damper between the blades. What the blocks' rotation moves at the faces is left out of d, and is thus seen
-as a part of K. Along a direction in which d does not move K is undefined, as it is where the faces never touch.
+as a part of K. Along a direction in which d does not move K is undefined, as it is where the faces never touch. Of
+blades by modes there are none: Eq. (1) is that of lumped ones.
 """
 
 from typing import NamedTuple
@@ -63,8 +64,8 @@ def equivalent_values(
 ) -> dict[str, np.ndarray]:
     """The values of `WithEquivalent` by their names, (lanes,) each, of motions over their next periods.
 
-    NaN where the blades do not move along both x and y, where the faces never touch, and along a direction of the faces
-    in which nothing moves.
+    NaN where the blades are not lumped or do not move along both x and y, where the faces never touch, and along a
+    direction of the faces in which nothing moves.
 
     Args:
         scenes: The scenes (leading axis).
@@ -76,7 +77,7 @@ def equivalent_values(
     """
     names = ("k_n", "k_t", "c_n", "c_t", "zeta_n", "zeta_t", "P_d_stiffness", "touches")
     found = np.full((len(number), len(names)), np.nan)
-    if scenes.parts.contact != "none" and "y" in scenes.parts.motion:
+    if scenes.parts.contact != "none" and "y" in scenes.parts.motion and scenes.mode_numbers is None:
         periods = np.where(number > 0, number, HARMONIC_PERIODS)
         grid = SampleGrid(0.0, steps, 1, int(periods.max()) * steps)
         plain = method._replace(forces=False, amplitudes=False, vibration=False)

@@ -4,6 +4,7 @@ import math
 import sys
 import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -441,6 +442,13 @@ def test_shipped_scenes(name, tmp_path):
     assert again.text() == got.text()
     for one, other in zip(got.axes, again.axes, strict=True):
         np.testing.assert_array_equal(one.values, other.values)
+
+
+def test_a_title_counts_modes_that_are_set_as_a_whole():
+    modes = f"blades.modes={Path(__file__).parents[2] / 'configs' / 'fem_blade.csv'}"
+    title = load("table1", [modes, "shroud.gap=5 mm"]).title
+    assert title.endswith(", but blades = 6 modes, gap = 5 mm")
+    assert load("fem_blade", ["blades.modes[0].f=100"]).title.endswith("modes[0].f = 100 Hz")
 
 
 def test_a_title_tells_what_is_given_by_a_word():

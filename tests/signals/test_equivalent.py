@@ -1,5 +1,6 @@
 """The equivalent stiffness and damping of contact, against the element's closed form and by what they give back."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -166,8 +167,11 @@ def test_a_direction_along_which_nothing_moves_has_no_stiffness(beta):
         assert found.k_n == pytest.approx(5e3, rel=1e-5)
 
 
+MODES = f"blades.modes={Path(__file__).parents[2] / 'configs' / 'fem_blade.csv'}"
+
+
 @pytest.mark.full(but=['parts.motion=["x"]'])
-@pytest.mark.parametrize("parts", ['parts.motion=["x"]', "parts.contact=none"])
+@pytest.mark.parametrize("parts", ['parts.motion=["x"]', "parts.contact=none", MODES])
 def test_where_there_is_no_equivalent_the_reason_is_given(parts):
     found = js.power(js.load("fig09_best", [parts]).scene, **SHORT)
     assert np.isnan(found.k_n)
