@@ -6,16 +6,14 @@ import jax.numpy as jnp
 import numpy as np
 import opinions
 import pytest
-from scipy.linalg import expm
 from side_by_side import EXACT, STEPS, counts, ends, energy_residual, relative_error, run, scene_of, sizes
 
 from jaxshroud import Motion, Status, load, simulate, sweep, vary
 from jaxshroud.io.lane_status import LaneWarning
-from jaxshroud.march.method import FAST, FAST_WITH_LEDGER, REFERENCE, Choices, RungeKutta
+from jaxshroud.march.method import FAST_WITH_LEDGER, REFERENCE, Choices, RungeKutta
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.geometry import contact_kinematics, corners, natural_case, pose
 from jaxshroud.model.linear import steady_amplitudes
-from jaxshroud.model.linear_system import contact_gradients
 
 GAMMAS = (0.3, 2.5, 4.2, 7.5)
 KINDS = ("onset_slip", "onset_stick", "separation", "stick_slip", "slip_stick")
@@ -209,17 +207,6 @@ def test_opinions_in_the_file_are_those_of_the_reference(reading):
         )
 
 
-@pytest.mark.release(only=["dopri8, events by cubic, float64", "rk4, events by cubic, float64"])
-@pytest.mark.full
-@pytest.mark.parametrize("method", [REFERENCE, FAST, EXACT["dopri8-cubic"]], ids=str)
-def test_a_batch_equals_single_runs(scenes, method):
-    together = run(scenes, 5, 400, method)
-    for lane, scene in enumerate(scenes):
-        alone = run([scene], 5, 400, method)
-        # Different compilations round differently; 5 periods amplify that by less than 1e4.
-        assert relative_error(ends(alone)[0], ends(together)[lane], sizes(together)[lane]) <= 1e-10
-
-
 @pytest.mark.full
 def test_a_lane_that_fails_is_marked_alone(table1):
     good = sweep(table1, {"drive.M_0": [50.0, 100.0]}, n_periods=4, method=RungeKutta(steps=400), transient=0)
@@ -299,39 +286,6 @@ def closest_gap(scene, free):
         return at.v / at.normal[0]
 
     return float(jax.vmap(reach)(jax.tree.map(jnp.asarray, free.motion)).max())
-
-
-@pytest.mark.full
-def test_permanent_stick_is_linear(table1):
-    # Preloaded by an interference of 1e-6 m and stuck, the blocks are a linear system in one case: v and u by their
-    # gradients. Over 0.1 ms (0.8 rad of the fastest mode) the exact march differs by the curvature of v and u only.
-    scene = table1
-    for key, value in {"shroud.gap": -1e-6, "friction.mu": 10.0, "drive.F_0": 0.0, "drive.M_0": 0.0}.items():
-        scene = vary(scene, key, value)
-    scene = vary(scene, "initial.theta[0]", 1e-6)
-    got = simulate(scene, n_periods=1, method=RungeKutta(steps=8000))
-    now = slice(0, 69)
-    assert set(got.mode[now]) == {1}  # from the first sample on, the state after the onset at t = 0
-    assert set(got.case[now]) == {1}
-    exact = linear_stick(scene, got.t[now])
-    moved = np.concatenate([got.motion.x[now], got.motion.y[now], got.motion.theta[now]], axis=-1)
-    np.testing.assert_allclose(moved, exact, rtol=0, atol=1e-4 * np.abs(exact[:, :4]).max())
-
-
-def linear_stick(scene, t):
-    """Positions (n, 6) of the blocks stuck in case 1, by the matrix exponential."""
-    b, k, k_d = scene.blades, float(scene.k), float(scene.friction.k_d)
-    mass = np.concatenate([b.m, b.inertia_y, b.I])
-    v_q, u_q = map(np.asarray, contact_gradients(1, corners(scene.shroud), jnp.asarray(mass)))
-    q_0 = np.concatenate([scene.initial.x, scene.initial.y, scene.initial.theta])
-    v_0 = -float(scene.shroud.gap) * np.sin(float(scene.shroud.alpha))
-    K = np.diag(np.concatenate([b.k_x, b.k_y, b.k_T])) + k * np.outer(v_q, v_q) + k_d * np.outer(u_q, u_q)
-    force = -k * v_0 * v_q + k_d * (u_q @ q_0) * u_q  # u_s = u at the start
-    C = np.diag(np.concatenate([b.c_x, b.c_y, b.c_T]))
-    A = np.zeros((13, 13))
-    A[:6, 6:12] = np.eye(6)
-    A[6:12, :6], A[6:12, 6:12], A[6:12, 12] = -K / mass[:, None], -C / mass[:, None], force / mass
-    return np.array([(expm(A * s) @ np.concatenate([q_0, np.zeros(6), [1.0]]))[:6] for s in t])
 
 
 @pytest.mark.published

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 import reference
 import row_opinions
-from row_reference import RowParameters, random_row, simulate_row, table1_row
+from row_reference import RowParameters, simulate_row, table1_row
 from row_runs import EXACT_ROW, part_of_period, row_scene_of, run_rows
-from scipy.linalg import expm
 
 import jaxshroud as js
 from jaxshroud.batch.lanes import begin_lanes, initial_states, lane_models, lanes_at_start, lanes_last
@@ -190,32 +189,6 @@ def test_alike_blades_in_phase_do_not_feel_each_other():
 
 
 # --- closed forms -------------------------------------------------------------------------------------------------
-
-
-def free_motion(p, t):
-    """The motion (6, N) without contact: of each oscillator with its drive's sine and cosine as two more states."""
-    b, end = p.tuned, np.empty((6, p.blades))
-    first = np.reshape(p.initial, (6, p.blades))
-    for i in range(p.blades):
-        force = b["F_0"][i] * math.cos(b["beta"][i]), b["F_0"][i] * math.sin(b["beta"][i]), b["M_0"][i]
-        for axis, (mass, c, k) in enumerate((("m", "c_x", "k_x"), ("m_y", "c_y", "k_y"), ("I", "c_T", "k_T"))):
-            A = np.array([[0, 1, 0, 0], [-b[k][i], -b[c][i], force[axis], 0], [0, 0, 0, p.omega], [0, 0, -p.omega, 0]])
-            A[1] /= b[mass][i]
-            start = [first[axis, i], first[3 + axis, i], math.sin(b["phase"][i]), math.cos(b["phase"][i])]
-            end[axis, i], end[3 + axis, i], *_ = expm(A * t) @ start
-    return end
-
-
-@pytest.mark.full
-def test_without_contact_blades_are_oscillators():
-    rows = [random_row(np.random.default_rng(seed), 3, False) for seed in range(4)]
-    apart = [dataclasses.replace(p, gap=(1.0,) * 2) for p in rows]
-    controls = [dataclasses.replace(p, mistuning=(*p.mistuning[1:], p.mistuning[0])) for p in apart]
-    got = ends_of([*apart, *controls], 3, 4 * STEPS)
-    want = np.array([free_motion(p, 6 * math.pi / p.omega) for p in rows])
-    # Some thousand steps, so short that the method errs by less than rounding in each.
-    assert furthest(got[:4], want) < 1e-11
-    assert np.min(np.max(np.abs(got[4:] - want) / np.abs(want), axis=(1, 2))) > 1e-3
 
 
 BENDING = Parts(motion=("x", "y"))
