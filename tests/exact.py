@@ -122,12 +122,6 @@ def case_of(b: Sides, q: Floats) -> NDArray[np.int64]:
     return np.where(q[..., 4] > q[..., 5], np.where(above < 0, 1, 2), np.where(below > 0, 3, 4))
 
 
-def closing_gap(b: Sides, q: Floats, case: int) -> Sides:
-    """The same blocks with the gap at which the corner just touches, v = 0 (consistent sign)."""
-    (d_x, d_y), A = relative_displacement(b, q, case), face_angle(b, q, case)
-    return b._replace(gap=d_x - d_y / np.tan(A))
-
-
 def placed(b: Sides, case: int, theta: tuple[float, float], v: float, height: float) -> Floats:
     """The position with the left block moved so that penetration and height of the case's corners are given."""
     turned = np.array([0.0, 0.0, 0.0, 0.0, *theta])

@@ -11,6 +11,12 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+import jaxshroud as js
+from jaxshroud.batch.flows import as_differentiable
+from jaxshroud.batch.lanes import initial_states
+from jaxshroud.batch.tangents import direction, tangents
+from jaxshroud.batch.xla import one_lane
+from jaxshroud.march.method import choices
 from jaxshroud.orbits.batched_algorithms import run_alone
 from jaxshroud.orbits.gradient import orbit_gradient
 from jaxshroud.results.gradient import Gradient
@@ -62,3 +68,22 @@ def on_orbit(found: Orbit, wrt: Sequence[str]) -> Gradient:
     cycle = found.cycle()
     numbers = [[level_of(cycle.scene, key) for key in wrt]]
     return Gradient.of_slopes([run_alone(orbit_gradient(cycle, wrt, "P_d"))], wrt, "P_d", found, numbers)
+
+
+def assert_tangents_by_keys(scene: js.Scene, keys: Sequence[str], by: js.RungeKutta, relative: float) -> None:
+    """The tangents of one period by some numbers are its central differences with such a relative step."""
+    method, start = as_differentiable(choices(by)), jax.tree.map(lambda a: a[0], initial_states(one_lane(scene)))
+    flow = lambda scene, directions: tangents(scene, start, directions, n=1, steps=by.steps, method=method)
+    found = flow(scene, [direction(scene, key) for key in keys])
+    vector = slice(0, found.vector.size - scene.sliders)  # sliders of contact that is apart at the end mean nothing
+    assert found.status == 0
+    for i, key in enumerate(keys):
+        value = float(np.ravel(js.value_of(scene, key))[0])
+        step = relative * value
+        up, down = (flow(js.vary(scene, key, value + s), []) for s in (step, -step))
+        for slope, a, b in (
+            (found.by_parameter[vector, i], up.vector[vector], down.vector[vector]),
+            (found.power_by_parameter[:, i], up.power, down.power),
+        ):
+            difference = (a - b) / (2 * step)
+            np.testing.assert_allclose(slope, difference, rtol=0, atol=2e-5 * np.abs(slope).max(), err_msg=key)

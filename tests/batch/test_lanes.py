@@ -4,17 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from side_by_side import EXACT, with_parts
 
 from jaxshroud import sweep, vary
 from jaxshroud.batch import xla
-from jaxshroud.batch.lanes import begin_lanes, initial_states, lane_models
 from jaxshroud.batch.xla import best_mapping, fused, vmapped
-from jaxshroud.march.carry import Fixed, time_grid
 from jaxshroud.march.method import RungeKutta, Taylor
-from jaxshroud.march.stepper import stepper_for
-
-LANES = 8
 
 
 def mixed(a, b):
@@ -73,35 +67,6 @@ def test_an_option_that_xla_refuses_is_left_out(monkeypatch):
     with pytest.warns(RuntimeWarning, match="XLA refuses .*xla_no_such_option"):
         assert doubled(jnp.ones(()), by=2) == 2
     assert doubled(jnp.ones(()), by=3) == 3
-
-
-@pytest.mark.release(only=["rk4-cubic-motion1", "dopri8-cubic-motion2"])
-@pytest.mark.full
-@pytest.mark.parametrize(
-    ("name", "motion"), [("rk4-bisection", ("x",)), ("rk4-cubic", ("x", "y")), ("dopri8-cubic", ("x",))]
-)
-def test_fused_and_plain_trials_agree(table1, name, motion):
-    # Through the first events of eight scenes, to rounding.
-    method, steps, scene = EXACT[name], 100, with_parts(table1, motion=motion)
-    scenes = jax.vmap(lambda gamma: vary(scene, "contact.gamma", gamma))(jnp.linspace(0.3, 8.0, LANES))
-    periods = jnp.broadcast_to(scene.drive.period, LANES)
-    grids = time_grid(jnp.zeros(LANES), jnp.full(LANES, float(steps)), periods)
-    fixed = Fixed(lane_models(scenes)[0], grids, jnp.full(LANES, steps, jnp.int32))
-
-    def trials(each):
-        one = jax.jit(lambda now: stepper_for(method).trial(now, fixed, method, each))
-        now = begin_lanes(scenes, initial_states(scenes), method)
-        for _ in range(60):
-            now = one(now)
-        return now
-
-    got, expected = trials(fused), trials(vmapped)
-    np.testing.assert_array_equal(got.step, expected.step)
-    np.testing.assert_array_equal(got.state.mode[0], expected.state.mode[0])
-    counters = got.accumulator.log.counters
-    assert (counters.onset_slip + counters.onset_stick)[0].sum() > 0
-    close = lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)
-    jax.tree.map(close, got.state.motion, expected.state.motion)
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from functools import partial
 
 import equinox as eqx
 import jax
@@ -24,6 +23,11 @@ STEPS = 200
 PLAIN = js.RungeKutta()
 FULL = ["drive.F_0=60"]
 NARROW = ['blades.I="block"', 'drive.M_0="0.5 N m"', "drive.F_0=60"]  # nearly parallel faces: flat contact
+
+
+def along_x(*changes):
+    """Table 1 where blades move along x alone."""
+    return js.load("table1", ['parts.motion=["x"]', *changes]).scene
 
 
 def at(scene, numbers):
@@ -86,44 +90,12 @@ def test_naive_tangents_of_a_rollout_are_wrong(monkeypatch):
     # Control: without the derivative of the events' instants every lane misses the tolerance tenfold, some by far more.
     monkeypatch.setattr(row_step, "at_event", lambda quantities, *_: quantities)
     naive = js.RungeKutta(PLAIN.tableau._replace(name="naive"))  # another name: compiled anew
-    scene = with_parts(js.load("table1", ["contact.gamma=2.5", *FULL]).scene, motion=("x",))
+    scene = along_x("contact.gamma=2.5", *FULL)
     numbers = jnp.tile(numbers_of(scene), (8, 1)).at[:, 1].set(np.linspace(1.0, 15.0, 8))
     differences, tangents = slopes_of(scene, numbers, 1, STEPS, naive)
     error = np.max(differences.error(tangents), axis=1)
     assert np.all(error > 1e-5), error
     assert np.max(error) > 0.1, error
-
-
-@pytest.mark.release
-@pytest.mark.full
-def test_reverse_is_forward_and_batches_are_loops():
-    # Both modes contract the same tangents: they differ by the rounding of sums. Lanes never meet: in a batch they are
-    # what they are alone, to what contraction of products by another vector width rounds.
-    scene = with_parts(js.load("table1", ["contact.gamma=4.2", *FULL]).scene, motion=("x",))
-    p = numbers_of(scene)
-    few = jnp.stack([p, p * 1.1, p * 0.8])
-    loss = lambda p: jnp.sum(observed(scene, p) ** 2)
-    batch, forward = jax.jit(jax.vmap(lambda p: (jax.grad(loss)(p), jax.jacfwd(loss)(p))))(few)
-    np.testing.assert_allclose(batch, forward, rtol=1e-10)
-    alone = jax.jit(jax.grad(loss))
-    np.testing.assert_allclose(batch, [alone(p) for p in few], rtol=1e-7)
-
-
-@pytest.mark.release
-@pytest.mark.full
-def test_samples_and_forces_are_those_of_simulate():
-    scene = with_parts(js.load("table1", ["contact.gamma=4.2", *FULL]).scene, motion=("x",))
-    run = js.simulate(scene, n_periods=2, method=js.RungeKutta(steps=STEPS), every=50)
-    one = jax.jit(lambda state: js.rollout(scene, state, 1, every=50, method=js.RungeKutta(steps=STEPS)))
-    first = one(initial_state(scene.initial))
-    second = one(first.state)  # a start is any end
-    got = jax.tree.map(lambda *a: np.concatenate(a), first.saved, second.saved)
-    for a, b in ((got.state.motion.x, run.motion.x), (got.N, run.N), (got.F, run.F), (got.v, run.v)):
-        np.testing.assert_allclose(a, b[1:], rtol=0, atol=1e-9 * np.abs(b).max())
-    np.testing.assert_allclose(first.saved.t, run.t[1:5], rtol=1e-14)
-    assert np.array_equal(got.state.mode, run.mode[1:])
-    counted = {name: count for name, count in run.counters.items() if name != "grazing"}  # of onsets, counted already
-    assert first.events + second.events == sum(counted.values())
 
 
 @pytest.mark.release
@@ -147,64 +119,20 @@ def test_what_is_told_of_events_is_what_samples_show(method):
     np.testing.assert_allclose(run.slowest_switch, np.abs(np.diff(turn))[crossed].min() / h * lever, rtol=1e-2)
 
 
-@pytest.mark.release
-@pytest.mark.full
-def test_a_bound_is_enough_or_told():
-    scene = with_parts(js.load("table1", ["contact.gamma=4.2", *FULL]).scene, motion=("x",))
-    n = js.most_trials(scene, 2, method=js.RungeKutta(steps=STEPS))
-    assert 2 * STEPS < n < 4 * STEPS  # some 1.2 trials a step, and its margin
-
-    numbers = numbers_of(scene)
-
-    @partial(jax.jit, static_argnums=1)
-    def slope_of(p, most):
-        def f(p):
-            run = js.rollout(at(scene, p), None, 2, every=50, method=js.RungeKutta(steps=STEPS), most_trials=most)
-            return jnp.sum(run.saved.N), (run.saved.N, run.status)
-
-        return jax.grad(f, has_aux=True)(p)
-
-    slope, (N, status) = slope_of(numbers, n)
-    assert status == Status.OK
-    assert np.all(np.isfinite(N))
-    assert np.all(np.isfinite(slope))
-    slope, (N, status) = slope_of(numbers, STEPS)
-    assert status == Status.OUT_OF_TRIALS
-    assert np.all(np.isfinite(N[:3]))  # what came before stays
-    assert np.all(np.isnan(N[4:]))
-    assert np.all(np.isnan(slope))
+def test_bounds_and_samples_that_cannot_be_are_refused():
+    scene, method = along_x(), js.RungeKutta(steps=STEPS)
     with pytest.raises(js.InputError, match=r"outside jax\.jit"):
-        jax.jit(lambda s: js.most_trials(s, 1, method=js.RungeKutta(steps=STEPS)))(scene)
+        jax.jit(lambda s: js.most_trials(s, 1, method=method))(scene)
     with pytest.raises(js.InputError, match="must divide"):
-        js.rollout(scene, every=7, method=js.RungeKutta(steps=STEPS))
-    with pytest.raises(TypeError, match="first order only"):
-        jax.hessian(lambda p: jnp.sum(observed(scene, p)))(numbers)
-
-
-@pytest.mark.release
-@pytest.mark.full
-def test_a_sweep_function_has_the_samples_of_the_verb():
-    # The same kernels: bit by bit. Powers of orbits whose period number divides the kept periods, too.
-    scene = with_parts(js.load("table1", ["contact.gamma=2.5", *FULL]).scene, motion=("x",))
-    gamma = np.linspace(0.5, 8.0, 70)  # more than a chunk
-    how = {"n_periods": 4, "transient": 3, "method": js.RungeKutta(steps=STEPS)}
-    verb = js.sweep(scene, {"contact.gamma": gamma}, **how)
-    scenes = jax.vmap(lambda g: js.vary(scene, "contact.gamma", g))(jnp.asarray(gamma))
-    f = js.sweep_function(**how)
-    got = f(scenes)
-    assert np.array_equal(got.motion.x, verb.motion.x)
-    assert np.array_equal(got.status, verb.status)
-    regular = np.isin(verb.period_number, (0, 1, 2, 4))
-    np.testing.assert_allclose(got.P_d[regular], verb.P_d[regular], atol=1e-10)
-    np.testing.assert_allclose(got.P_d_vibration[regular], verb.P_d_vibration[regular], atol=1e-10)
+        js.rollout(scene, every=7, method=method)
     with pytest.raises(js.InputError, match="one leading axis"):
-        f(scene)
+        js.sweep_function(4, 3, method)(scene)
 
 
 @pytest.mark.full
 def test_a_sweep_function_tells_the_vibration_alone():
     # Interference holds the blades apart, which P_d counts as vibration. Against means of the verb's samples.
-    scene = with_parts(js.load("table1", ["shroud.gap=-20um", "drive.F_0=20", *FULL]).scene, motion=("x",))
+    scene = along_x("shroud.gap=-20um", "drive.F_0=20", *FULL)
     method = js.RungeKutta(steps=STEPS)
     found = js.sweep_function(2, 8, method)(jax.tree.map(lambda a: jnp.asarray(a)[None], scene))
     run = js.simulate(scene, n_periods=10, every=1, method=method)
@@ -213,23 +141,6 @@ def test_a_sweep_function_tells_the_vibration_alone():
     share = (100 - found.P_d_vibration[0]) / (100 - found.P_d[0])
     np.testing.assert_allclose(share, of_vibration / of_all, rtol=1e-5)
     assert share < 0.9
-
-
-@pytest.mark.release
-@pytest.mark.full
-def test_a_sweep_function_carries_tangents():
-    # Against fourth-order differences of its own samples; under jit and vmap the samples are the same.
-    scene = with_parts(js.load("table1", ["contact.gamma=4.2", *FULL]).scene, motion=("x",))
-    f = js.sweep_function(2, 1, js.RungeKutta(steps=STEPS))
-    gaps, h = jnp.linspace(1e-5, 3e-5, 3), 1e-10
-    x = lambda gaps: f(jax.vmap(lambda gap: js.vary(scene, "shroud.gap", gap))(gaps)).motion.x
-    value, slope = jax.jit(lambda gaps: jax.jvp(x, (gaps,), (jnp.ones_like(gaps),)))(gaps)
-    ends = [x(gaps + c * h) for c in (-2, -1, 1, 2)]
-    by_differences = (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * h)
-    np.testing.assert_allclose(slope, by_differences, rtol=0, atol=1e-6 * np.max(np.abs(slope)))
-    np.testing.assert_allclose(value, x(gaps), rtol=1e-9)
-    two = jax.jit(jax.vmap(x))(jnp.stack([gaps, gaps]))
-    np.testing.assert_allclose(two[1], value, rtol=1e-9)
 
 
 SHARDED = """
@@ -280,7 +191,7 @@ def test_a_rollout_by_power_series_is_differentiated(table1):
 def test_a_start_in_overlap_sticks_whatever_the_rates(method):
     # The element starts unstretched under N > 0. By the rates it would slip, as k_d |u'| > mu k v' here, with mu N at
     # once: 12 N, where a step of stick stretches it by 0.4 N at most, and the forces would jump where v' = u' = 0.
-    scene = js.load("table1", ['parts.motion=["x"]']).scene
+    scene = along_x()
     places = lambda s: (s.initial.x, s.initial.v_x)
     scene = eqx.tree_at(places, scene, (jnp.array([1.2e-4, 0.0]), jnp.array([0.01, 0.0])))
     found = js.rollout(scene, every=1, method=method.replace(steps=400), save=lambda at: (at.N, at.F, at.state.mode))
@@ -309,22 +220,6 @@ def test_numbers_out_of_their_ranges_are_told_where_nothing_can_be_raised(contac
     assert mapped(3.0).status == Status.OK
 
 
-@pytest.mark.release
-@pytest.mark.full
-def test_one_bad_lane_of_a_sweep_function_leaves_the_others_alone():
-    scene = js.load("table1", ['parts.motion=["x"]']).scene
-    run = js.sweep_function(n_periods=1, transient=0, method=js.RungeKutta(steps=100))
-
-    def powers(mu):
-        found = run(jax.vmap(lambda mu: js.vary(scene, "friction.mu", mu))(mu))
-        return found.P[:, 0].sum(), found
-
-    (_, found), slope = jax.jit(jax.value_and_grad(powers, has_aux=True))(np.array([0.5, -1.0, 0.3]))
-    np.testing.assert_array_equal(found.status, [Status.OK, Status.BAD_INPUT, Status.OK])
-    np.testing.assert_array_equal(np.isnan(found.P_d), [False, True, False])
-    np.testing.assert_array_equal(np.isnan(slope), [False, True, False])
-
-
 @pytest.mark.parametrize("name", ["rollout", "period_map", "sweep_function", "explain"])
 def test_power_series_refuse_smooth_contact(name):
     scene = js.load("table1", ["parts.contact=smooth", "contact.width=50 um", 'parts.motion=["x"]']).scene
@@ -342,7 +237,7 @@ def test_power_series_refuse_smooth_contact(name):
 @pytest.mark.release
 @pytest.mark.full
 def test_a_start_that_is_not_finite_is_bad_input():
-    scene = js.load("table1", ['parts.motion=["x"]']).scene
+    scene = along_x()
     begin = initial_state(scene.initial)
     begin = eqx.tree_at(lambda begin: begin.motion.v_x, begin, np.array([np.nan, 0.0]))
     assert js.rollout(scene, begin, n_periods=1, method=js.RungeKutta(steps=100)).status == Status.BAD_INPUT
@@ -350,7 +245,7 @@ def test_a_start_that_is_not_finite_is_bad_input():
 
 @pytest.mark.parametrize("verb", ["sweep", "orbit", "gradient", "branch", "check", "explain", "tune", "trade"])
 def test_verbs_inside_a_transformation_name_what_runs_there(verb):
-    scene = js.load("table1", ['parts.motion=["x"]']).scene
+    scene = along_x()
     more = {"sweep": [{"shroud.gap": [1e-5]}], "gradient": [["shroud.gap"]], "branch": ["contact.gamma", 1.0, 3.0]}
     more["tune"] = [{"shroud.gap": (1e-5, 1e-4)}]
     with pytest.raises(js.InputError, match=r"use js\.rollout, js\.sweep_function or js\.period_map there"):
@@ -358,13 +253,13 @@ def test_verbs_inside_a_transformation_name_what_runs_there(verb):
 
 
 def test_values_of_a_sweep_are_no_tracers():
-    scene = js.load("table1", ['parts.motion=["x"]']).scene
+    scene = along_x()
     with pytest.raises(js.InputError, match=r"js\.sweep_function"):
         jax.jit(lambda gap: js.sweep(scene, {"shroud.gap": gap[None]}, n_periods=1, transient=0).P_d)(jnp.asarray(1e-5))
 
 
 def test_scenes_with_leading_axes_are_mapped_over():
-    scene = js.load("table1", ['parts.motion=["x"]']).scene
+    scene = along_x()
     many = jax.vmap(lambda gap: js.vary(scene, "shroud.gap", gap))(np.array([1e-5, 2e-5]))
     for function, arguments in (
         (js.rollout, ()),

@@ -106,19 +106,17 @@ def together(*args):
     return first, args[-1], left
 
 
+TOGETHER = METHOD._replace(tableau=METHOD.rk._replace(name="together"))  # compiled anew, as an order of its own is
+
+
 @pytest.mark.release
 @pytest.mark.full
-def test_simultaneous_events_have_instants_of_their_own(monkeypatch):
+@pytest.mark.parametrize(
+    ("trial", "naive"),
+    [("row_trial", TOGETHER), ("taylor_trial", SERIES._replace(tableau=TaylorOptions(11, 1e-13)))],
+    ids=["dopri8", "series"],
+)
+def test_simultaneous_events_have_instants_of_their_own(trial, naive, monkeypatch):
     # Control: events of one instant that move as the first of them does.
-    monkeypatch.setattr("jaxshroud.march.row_trial.one_after_the_other", together)
-    naive = METHOD._replace(tableau=METHOD.rk._replace(name="together"))
-    assert np.median(Course(ROWS["ring of 4 in anti-phase"], naive).error()) > 1e-3
-
-
-@pytest.mark.release
-@pytest.mark.full
-def test_simultaneous_events_by_power_series_have_instants_of_their_own(monkeypatch):
-    # Control: as above; an order of its own is compiled anew.
-    monkeypatch.setattr("jaxshroud.march.taylor_trial.one_after_the_other", together)
-    naive = SERIES._replace(tableau=TaylorOptions(11, 1e-13))
+    monkeypatch.setattr(f"jaxshroud.march.{trial}.one_after_the_other", together)
     assert np.median(Course(ROWS["ring of 4 in anti-phase"], naive).error()) > 1e-3

@@ -42,16 +42,16 @@ def alone(tree):
     return repeat_lane(tree, 1)
 
 
-def settled_state(scene, method=FAST):
+def settled_state(scene):
     """The state after a transient from the scene's start."""
-    return run_alone(state_after(scene, initial_state(scene.initial), 64, STEPS, method))
+    return run_alone(state_after(scene, initial_state(scene.initial), 64, STEPS, FAST))
 
 
-def states_of(scene, n, method=FAST):
+def states_of(scene, n):
     """States of a settled motion at `n` successive period ends."""
-    state, states = settled_state(scene, method), []
+    state, states = settled_state(scene), []
     for _ in range(n):
-        runs = run_lanes(alone(scene), alone(state), Plan(0, 1, STEPS, 0.0, method), lambda _: None)
+        runs = run_lanes(alone(scene), alone(state), Plan(0, 1, STEPS, 0.0, FAST), lambda _: None)
         state = jax.tree.map(lambda a: a[0], final_states(runs.last.state))
         states.append(state)
     return jax.tree.map(lambda *a: np.stack(a), *states)
@@ -93,6 +93,13 @@ def error_of(scene, states, along, steps=STEPS, method=FAST):
     return np.min([np.abs((slope - tangent) / sizes).max(axis=1) / scale for slope in slopes], axis=0)
 
 
+def error_along(scene, lanes, seed, steps=STEPS, method=FAST):
+    """The error of each of so many states of a settled motion, along a random direction."""
+    states = states_of(scene, lanes)
+    along = np.random.default_rng(seed).standard_normal((lanes, SIZE)) * sizes_of(states)
+    return error_of(scene, states, along, steps, method)
+
+
 @pytest.mark.release
 @pytest.mark.full
 def test_one_period_jacobian_in_chaos():
@@ -117,10 +124,8 @@ def test_one_period_jacobian_in_chaos():
 def test_jacobian_of_other_methods(name, locate, motion):
     method = Choices(tableau(name), locate)
     scene = with_parts(scene_at(5.5), motion=motion)
-    states = states_of(scene, 12)
-    along = np.random.default_rng(2).standard_normal((12, SIZE)) * sizes_of(states)
     steps = {"rk4": 400, "tsit5": 200, "dopri8": 100}[name]
-    assert np.max(error_of(scene, states, along, steps, method)) <= 1e-6
+    assert np.max(error_along(scene, 12, 2, steps, method)) <= 1e-6
 
 
 @pytest.mark.release(only=["motion1"])
@@ -128,10 +133,7 @@ def test_jacobian_of_other_methods(name, locate, motion):
 @pytest.mark.parametrize("motion", [("x",), ("x", "y", "theta")])
 def test_jacobian_by_series(motion):
     method = Choices(TaylorOptions(10, 1e-12), "series")
-    scene = with_parts(scene_at(5.5), motion=motion)
-    states = states_of(scene, 12)
-    along = np.random.default_rng(2).standard_normal((12, SIZE)) * sizes_of(states)
-    assert np.max(error_of(scene, states, along, method=method)) <= 1e-6
+    assert np.max(error_along(with_parts(scene_at(5.5), motion=motion), 12, 2, method=method)) <= 1e-6
 
 
 @pytest.mark.release
@@ -140,10 +142,8 @@ def test_naive_tangents_by_series_are_wrong(monkeypatch):
     # Control: events whose instants have no derivative. They count where the sliding begins or ends within the period;
     # at an onset forces are continuous, so that its instant does not matter.
     monkeypatch.setattr(taylor_trial, "at_event", lambda quantity, *_: quantity)
-    scene, method = scene_at(5.5), Choices(TaylorOptions(11, 1e-12), "series")  # another order: compiled anew
-    states = states_of(scene, 24)
-    along = np.random.default_rng(3).standard_normal((24, SIZE)) * sizes_of(states)
-    assert np.mean(error_of(scene, states, along, method=method) > 1e-3) > 0.5
+    method = Choices(TaylorOptions(11, 1e-12), "series")  # another order: compiled anew
+    assert np.mean(error_along(scene_at(5.5), 24, 3, method=method) > 1e-3) > 0.5
 
 
 @pytest.fixture
@@ -156,10 +156,7 @@ def naive(monkeypatch):
 @pytest.mark.full
 def test_naive_tangents_are_wrong(naive):
     # Control: without the derivative of the events' instants, tangents through chaos miss by more than 1 %.
-    scene = scene_at(5.5)
-    states = states_of(scene, 24)
-    along = np.random.default_rng(3).standard_normal((24, SIZE)) * sizes_of(states)
-    assert np.median(error_of(scene, states, along, method=naive)) > 0.01
+    assert np.median(error_along(scene_at(5.5), 24, 3, method=naive)) > 0.01
 
 
 def two_trajectories(scene, state, n, apart=1e-7):

@@ -270,14 +270,6 @@ def test_a_loaded_case_switch_carries_the_stretch(sides, ready, mode, kind, plac
         assert abs(float(event.energy)) > 0.01 * K * V**2 / 2
 
 
-def test_energy_after_an_event_is_that_of_the_state_after_it(sides, ready):
-    # The booked jump and the energy of the new mode are the same function.
-    event, after = crossed(inside(sides, Mode.SLIP_PLUS, 1, height=0.0), AT_HEIGHT, ready)
-    w = contact_of(ready).law.stretch(after.at.v, after.at.u, event.after.u_s, event.after.mode)
-    new = contact_of(ready).law.stored_energy(after.at.v, w, event.after.mode)
-    np.testing.assert_allclose(new - event.energy, (K * V**2 + K_D * (LAG * V) ** 2) / 2, rtol=1e-10)
-
-
 def test_the_first_violated_guard_takes_precedence():
     for flags in itertools.product([False, True], repeat=4):
         want = flags.index(True) if any(flags) else AT_RUB

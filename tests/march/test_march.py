@@ -6,16 +6,14 @@ import jax.numpy as jnp
 import numpy as np
 import opinions
 import pytest
-from scipy.linalg import expm
 from side_by_side import EXACT, STEPS, counts, ends, energy_residual, relative_error, run, scene_of, sizes
 
-from jaxshroud import Motion, Status, load, power, simulate, sweep, vary
+from jaxshroud import Motion, Status, load, simulate, sweep, vary
 from jaxshroud.io.lane_status import LaneWarning
-from jaxshroud.march.method import FAST, FAST_WITH_LEDGER, REFERENCE, Choices, RungeKutta
+from jaxshroud.march.method import FAST_WITH_LEDGER, REFERENCE, Choices, RungeKutta
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.geometry import contact_kinematics, corners, natural_case, pose
 from jaxshroud.model.linear import steady_amplitudes
-from jaxshroud.model.linear_system import contact_gradients
 
 GAMMAS = (0.3, 2.5, 4.2, 7.5)
 KINDS = ("onset_slip", "onset_stick", "separation", "stick_slip", "slip_stick")
@@ -209,17 +207,6 @@ def test_opinions_in_the_file_are_those_of_the_reference(reading):
         )
 
 
-@pytest.mark.release(only=["dopri8, events by cubic, float64", "rk4, events by cubic, float64"])
-@pytest.mark.full
-@pytest.mark.parametrize("method", [REFERENCE, FAST, EXACT["dopri8-cubic"]], ids=str)
-def test_a_batch_equals_single_runs(scenes, method):
-    together = run(scenes, 5, 400, method)
-    for lane, scene in enumerate(scenes):
-        alone = run([scene], 5, 400, method)
-        # Different compilations round differently; 5 periods amplify that by less than 1e4.
-        assert relative_error(ends(alone)[0], ends(together)[lane], sizes(together)[lane]) <= 1e-10
-
-
 @pytest.mark.full
 def test_a_lane_that_fails_is_marked_alone(table1):
     good = sweep(table1, {"drive.M_0": [50.0, 100.0]}, n_periods=4, method=RungeKutta(steps=400), transient=0)
@@ -231,37 +218,6 @@ def test_a_lane_that_fails_is_marked_alone(table1):
     assert np.isnan(got.P_d[1])
     assert np.isnan(got.motion.x[1]).all()
     np.testing.assert_array_equal(got.motion.x[[0, 2]], good.motion.x)
-
-
-@pytest.mark.release
-@pytest.mark.full
-def test_the_printed_reading_overflows_at_high_stiffness(table1):
-    gammas = {"contact.gamma": [0.3, 30.0, 2.5]}
-    with pytest.warns(LaneWarning, match="1 of 3 lanes"):
-        got = sweep(printed(table1), gammas, n_periods=20, method=RungeKutta(steps=400), transient=0)
-    assert got.status[0] == got.status[2] == Status.OK
-    assert got.status[1] in (Status.NOT_FINITE, Status.ANGLE_OUT_OF_RANGE)
-
-
-@pytest.mark.release
-@pytest.mark.full
-def test_small_motions_scale(table1):
-    # Small theta: (F_0, M_0, gap) -> s (...) leaves x / gap unchanged; the deviation shrinks in proportion to s.
-    base = vary(vary(table1, "contact.gamma", 0.3), "drive.M_0", 10.0)
-    keys = ("drive.F_0", "drive.M_0", "shroud.gap")
-    values = {"drive.F_0": 60.0, "drive.M_0": 10.0, "shroud.gap": 0.022e-3}
-
-    def scaled(s):
-        scene = base
-        for key in keys:
-            scene = vary(scene, key, s * values[key])
-        return scene
-
-    factors = np.array([1e-1, 1e-2, 1e-3, 1e-6])
-    end = ends(run([scaled(s) for s in factors], 2, 1000)) / factors[:, None]
-    deviation = np.abs(end[:3, 0] - end[3, 0]) / np.abs(end[3, 0])
-    assert np.all(deviation > 0)
-    np.testing.assert_allclose(deviation[:-1] / deviation[1:], 10, rtol=0.2)
 
 
 def half_turned(scene):
@@ -286,25 +242,6 @@ def half_turn_deviation(scenes, method=REFERENCE):
     sign = np.repeat([-1, -1, 1, -1, -1, 1], 2)
     image = (turned * sign).reshape(-1, 6, 2)[:, :, ::-1].reshape(-1, 12)
     return relative_error(image, ends(plain), sizes(plain))
-
-
-@pytest.mark.release
-@pytest.mark.full
-def test_every_verb_runs_in_float32(table1):
-    single, double = (RungeKutta(precision=p) for p in ("float32", "float64"))
-    run, exact = (simulate(table1, n_periods=2, method=m.replace(steps=200)) for m in (single, double))
-    assert run.motion.x.dtype == np.float32
-    np.testing.assert_allclose(run.motion.x, exact.motion.x, rtol=0, atol=1e-3 * np.abs(exact.motion.x).max())
-    more = simulate(table1, run.last, n_periods=1, method=single.replace(steps=200))
-    assert more.status == Status.OK
-    got, true = (power(table1, n_periods=64, transient=64, method=m.replace(steps=400)).final for m in (single, double))
-    assert got["P_d"] == pytest.approx(true["P_d"], rel=1e-4)
-    short = {"n_periods": 2, "transient": 0, "phase": 1.0, "ledger": True}
-    got, true = (
-        sweep(table1, {"contact.gamma": [1.0, 2.5]}, method=m.replace(steps=400), **short) for m in (single, double)
-    )
-    np.testing.assert_allclose(got.P_d, true.P_d, rtol=1e-3)
-    assert np.all(got.energy_residual < 1e-4)
 
 
 @pytest.mark.full(
@@ -349,47 +286,6 @@ def closest_gap(scene, free):
         return at.v / at.normal[0]
 
     return float(jax.vmap(reach)(jax.tree.map(jnp.asarray, free.motion)).max())
-
-
-@pytest.mark.full
-def test_permanent_stick_is_linear(table1):
-    # Preloaded by an interference of 1e-6 m and stuck, the blocks are a linear system in one case: v and u by their
-    # gradients. Over 0.1 ms (0.8 rad of the fastest mode) the exact march differs by the curvature of v and u only.
-    scene = table1
-    for key, value in {"shroud.gap": -1e-6, "friction.mu": 10.0, "drive.F_0": 0.0, "drive.M_0": 0.0}.items():
-        scene = vary(scene, key, value)
-    scene = vary(scene, "initial.theta[0]", 1e-6)
-    got = simulate(scene, n_periods=1, method=RungeKutta(steps=8000))
-    now = slice(0, 69)
-    assert set(got.mode[now]) == {1}  # from the first sample on, the state after the onset at t = 0
-    assert set(got.case[now]) == {1}
-    exact = linear_stick(scene, got.t[now])
-    moved = np.concatenate([got.motion.x[now], got.motion.y[now], got.motion.theta[now]], axis=-1)
-    np.testing.assert_allclose(moved, exact, rtol=0, atol=1e-4 * np.abs(exact[:, :4]).max())
-
-
-def linear_stick(scene, t):
-    """Positions (n, 6) of the blocks stuck in case 1, by the matrix exponential."""
-    b, k, k_d = scene.blades, float(scene.k), float(scene.friction.k_d)
-    mass = np.concatenate([b.m, b.inertia_y, b.I])
-    v_q, u_q = map(np.asarray, contact_gradients(1, corners(scene.shroud), jnp.asarray(mass)))
-    q_0 = np.concatenate([scene.initial.x, scene.initial.y, scene.initial.theta])
-    v_0 = -float(scene.shroud.gap) * np.sin(float(scene.shroud.alpha))
-    K = np.diag(np.concatenate([b.k_x, b.k_y, b.k_T])) + k * np.outer(v_q, v_q) + k_d * np.outer(u_q, u_q)
-    force = -k * v_0 * v_q + k_d * (u_q @ q_0) * u_q  # u_s = u at the start
-    C = np.diag(np.concatenate([b.c_x, b.c_y, b.c_T]))
-    A = np.zeros((13, 13))
-    A[:6, 6:12] = np.eye(6)
-    A[6:12, :6], A[6:12, 6:12], A[6:12, 12] = -K / mass[:, None], -C / mass[:, None], force / mass
-    return np.array([(expm(A * s) @ np.concatenate([q_0, np.zeros(6), [1.0]]))[:6] for s in t])
-
-
-@pytest.mark.release
-@pytest.mark.full
-def test_no_stiffness_means_no_reduction(table1):
-    # P_d tends to 0 with gamma; at gamma = 0 the overlap carries no force.
-    got = sweep(table1, {"contact.gamma": [0.0, 1e-6, 1e-4]}, n_periods=4, transient=120, method=RungeKutta(steps=400))
-    assert np.all(np.abs(got.P_d) <= [1e-5, 1e-4, 1e-2])
 
 
 @pytest.mark.published

@@ -221,15 +221,6 @@ def test_an_event_with_a_transition_changes_the_mode_and_the_forces():
 
 
 @pytest.mark.full
-def test_an_event_that_never_happens_leaves_the_motion_as_it_is():
-    never = marched("pair", (beyond(1.0, "never"),))
-    assert not np.any(counts(never, "never"))
-    x, plain = (np.asarray(run.samples.motion.x) for run in (never, marched("pair", ())))
-    # Two programs round differently: some 1e-16 at each of 1,600 steps, which impacts let grow.
-    np.testing.assert_allclose(x, plain, rtol=0, atol=1e-11 * np.abs(plain).max())
-
-
-@pytest.mark.full
 @pytest.mark.parametrize("name", ["table1", "table1_light"])
 def test_events_are_counted_where_blocks_rub_and_turn(name):
     scene, levels = js.load(name).scene, (DEEP, 1e-4, 2e-4)

@@ -5,12 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import points_reference
 import pytest
+from quotients import assert_tangents_by_keys
 
 import jaxshroud as js
-from jaxshroud.batch.flows import as_differentiable
-from jaxshroud.batch.lanes import initial_states
-from jaxshroud.batch.tangents import direction, tangents
-from jaxshroud.march.method import choices
 from jaxshroud.model.geometry import contact_kinematics, pose
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import State, prepared_model
@@ -19,7 +16,6 @@ from jaxshroud.scene.config import parse
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.points import ContactPoints
 from jaxshroud.scene.text import text_of
-from jaxshroud.scene.vary import value_of
 
 LIGHT = ("blades.I=2.46e-5 kg m^2", "contact.gamma=2.6", "drive.M_0=0.3")
 CHAIN = ("row.blades=3", "row.closed=false", "drive.engine_order=1", "blades.I=2.46e-5 kg m^2", "drive.M_0=0.3")
@@ -80,15 +76,6 @@ def test_a_corner_moves_otherwise_than_two_points():
     states = ends_of(points)
     size = np.abs(states).max(axis=(0, 2))[None, :, None]
     assert np.abs((ends_of(corner) - states) / size).max() > 1e-2
-
-
-@pytest.mark.full
-def test_a_pair_is_a_row_of_two():
-    chain = ["row.blades=2", "row.closed=false", "drive.engine_order=1", "shroud.gap=22 um", "drive.F_0=60"]
-    row = js.simulate(scene_with(2, *LIGHT, *chain, name="row_ring12"), n_periods=PERIODS, method=METHOD)
-    pair = js.simulate(scene_with(2, *LIGHT), n_periods=PERIODS, method=METHOD)
-    np.testing.assert_allclose(row.motion.x, pair.motion.x, rtol=0, atol=1e-13 * np.abs(pair.motion.x).max())
-    assert row.counters["stick_slip"][0] == pair.counters["stick_slip"] > 0
 
 
 @pytest.mark.full
@@ -169,24 +156,7 @@ KEYS = ("contact.gamma", "friction.k_d", "friction.mu", "shroud.gap", "shroud.l_
     ids=["pair", "row of three"],
 )
 def test_tangents_are_those_of_differences(scene):
-    method, start = as_differentiable(choices(METHOD)), jax.tree.map(lambda a: a[0], initial_states(one_lane(scene)))
-    flow = lambda scene, directions: tangents(scene, start, directions, n=1, steps=METHOD.steps, method=method)
-    found = flow(scene, [direction(scene, key) for key in KEYS])
-    vector = slice(0, found.vector.size - scene.sliders)  # sliders of points that are apart at the end mean nothing
-    assert found.status == 0
-    for i, key in enumerate(KEYS):
-        value = float(np.ravel(value_of(scene, key))[0])
-        step = 1e-6 * value
-        up, down = (flow(js.vary(scene, key, value + s), []) for s in (step, -step))
-        for by, a, b in (
-            (found.by_parameter[vector, i], up.vector[vector], down.vector[vector]),
-            (found.power_by_parameter[:, i], up.power, down.power),
-        ):
-            np.testing.assert_allclose(by, (a - b) / (2 * step), rtol=0, atol=2e-5 * np.abs(by).max(), err_msg=key)
-
-
-def one_lane(scene):
-    return jax.tree.map(lambda a: np.asarray(a)[None], scene)
+    assert_tangents_by_keys(scene, KEYS, METHOD, 1e-6)
 
 
 def placed(points, q, rate=(0.0,) * 6):

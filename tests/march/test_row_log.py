@@ -29,16 +29,6 @@ def logged(name, changes, steps):
     return run_lanes(scenes, initial_states(scenes), Plan(0, 1, steps, 0.0, WITHIN), lambda _: None)
 
 
-@pytest.mark.full
-def test_extremes_of_a_chain_of_two_are_those_of_the_pair():
-    chain, pair = logged("row_ring12", CHAIN, 200), logged("table1", PAIR, 200)
-    for name, want in pair.log.within._asdict().items():
-        np.testing.assert_allclose(getattr(chain.log.within, name), want, rtol=1e-10, err_msg=name)
-    assert np.all(np.isfinite(chain.log.within.slowest_onset))
-    for got, want in zip(chain.samples.extent, pair.samples.extent, strict=True):
-        np.testing.assert_allclose(got[0], want[0], rtol=1e-10)
-
-
 def test_extremes_are_those_within_steps():
     # By cubics within steps: an error of fourth order. Those at the ends of steps, the control, miss a thousandth. The
     # faces stick: slip would end, in an event, where blades that move along x are closest.

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 import reference
 import row_opinions
-import side_by_side
-from row_reference import BLADE, INTERFACE, RowParameters, random_row, simulate_row, table1_row
+from row_reference import RowParameters, simulate_row, table1_row
 from row_runs import EXACT_ROW, part_of_period, row_scene_of, run_rows
-from scipy.linalg import expm
 
 import jaxshroud as js
 from jaxshroud.batch.lanes import begin_lanes, initial_states, lane_models, lanes_at_start, lanes_last
@@ -103,30 +101,6 @@ def test_kept_opinions_are_those_of_the_second_opinion():
     assert furthest(fresh.samples, row.samples[:1]) < 1e-9
 
 
-def beside_a_third(pair, first):
-    """A pair as two of three blades, the third out of reach: it is the first if `first` is true."""
-    order = [0, 0, 1] if first else [0, 1, 1]
-    blades = {name: tuple(getattr(pair, name)[i] for i in order) for name in BLADE}
-    contact = {name: (getattr(pair, name),) * 2 for name in INTERFACE}
-    contact["gap"] = (1.0, pair.gap) if first else (pair.gap, 1.0)
-    shape = {name: getattr(pair, name) for name in ("omega", "alpha", "l_oa", "l_ab")}
-    return RowParameters(**blades, **contact, **shape, closed=False, mistuning=(0.0,) * 3, initial=(0.0,) * 18)
-
-
-@pytest.mark.full
-def test_two_blades_of_three_are_the_pair():
-    pairs = [reference.random_parameters(np.random.default_rng(seed)) for seed in range(4)]
-    rows = [beside_a_third(p, first) for first in (False, True) for p in pairs]
-    scenes = [side_by_side.scene_of(dataclasses.replace(p, initial=(0.0,) * 12)) for p in pairs]
-    want = side_by_side.ends(side_by_side.run(scenes, 3, STEPS, EXACT_ROW)).reshape(4, 6, 2)
-    got = ends_of(rows, 3)
-    # The same trials of the same steps, summed in another order: rounding, multiplied by some thousands by impacts.
-    assert furthest(got[:4, :, :2], want) < 1e-12
-    assert furthest(got[4:, :, 1:], want) < 1e-12
-    # Control: the two in the order of the other side.
-    assert furthest(got[:4, :, 1::-1], want) > 1e-2
-
-
 # --- identities of rings ------------------------------------------------------------------------------------------
 
 
@@ -140,25 +114,6 @@ def ring(engine_order, blades=4, **changes):
     return table1_row(blades, True, **{"phase": package_phases(engine_order, blades), **changes})
 
 
-def rotated(p, by):
-    """The ring with the numbers of blade and interface i at i + by."""
-    initial = tuple(np.roll(np.reshape(p.initial, (6, p.blades)), by, axis=1).ravel().tolist())
-    shift = lambda numbers: tuple(np.roll(numbers, by).tolist())
-    numbers = {name: shift(getattr(p, name)) for name in (*BLADE, *INTERFACE, "mistuning")}
-    return dataclasses.replace(p, **numbers, initial=initial)
-
-
-def mirrored(p):
-    """The ring turned by half a turn in its plane: blade i is at -i, and forces point the other way."""
-    order = -np.arange(p.blades) % p.blades
-    blades = {name: np.array(getattr(p, name))[order] for name in (*BLADE, "mistuning")}
-    contact = {name: np.array(getattr(p, name))[order - 1] for name in INTERFACE}
-    blades["beta"] = blades["beta"] + math.pi
-    initial = reflected(np.reshape(p.initial, (6, p.blades))).ravel()
-    numbers = {name: tuple(a.tolist()) for name, a in {**blades, **contact, "initial": initial}.items()}
-    return dataclasses.replace(p, **numbers)
-
-
 def reflected(z):
     """The motion (..., 6, N) turned by half a turn: blade i is at -i, x and y change their signs, theta does not."""
     order = -np.arange(z.shape[-1]) % z.shape[-1]
@@ -169,30 +124,6 @@ def reflected(z):
 # periods. Without a moment the faces are nearly parallel, and it is some hundreds in two. A nanometre of a gap of 22 um
 # is a deviation that they multiply as well.
 PERIODS, BENDING_PERIODS, ALIKE = 5, 2, 1e-11
-
-
-@pytest.mark.release
-@pytest.mark.full
-def test_numbers_rotated_by_one_blade_rotate_the_motion():
-    p = row_opinions.kept_rows(1)[0].parameters
-    rotations = [rotated(p, by) for by in range(4)]
-    wrong = dataclasses.replace(rotations[1], gap=p.gap)
-    first, *others, control = ends_of([*rotations, wrong], PERIODS)
-    for by, end in enumerate(others, 1):
-        assert furthest(end, np.roll(first, by, axis=-1)) < 1e-12  # the same sums of the same numbers
-    assert furthest(control, np.roll(first, 1, axis=-1)) > 1e-2
-
-
-@pytest.mark.full
-def test_a_ring_turned_in_its_plane_moves_the_other_way_round():
-    p = row_opinions.kept_rows(1)[0].parameters
-    turned = mirrored(p)
-    swapped = dataclasses.replace(turned, gap=p.gap)
-    first, *others = ends_of([p, turned, swapped, changed(turned, "gap", 2, 1e-9)], PERIODS)
-    same, *controls = (furthest(end, reflected(first)) for end in others)
-    assert same < ALIKE
-    assert controls[0] > 1e-2
-    assert controls[1] > 1e-8
 
 
 @pytest.mark.full
@@ -260,32 +191,6 @@ def test_alike_blades_in_phase_do_not_feel_each_other():
 # --- closed forms -------------------------------------------------------------------------------------------------
 
 
-def free_motion(p, t):
-    """The motion (6, N) without contact: of each oscillator with its drive's sine and cosine as two more states."""
-    b, end = p.tuned, np.empty((6, p.blades))
-    first = np.reshape(p.initial, (6, p.blades))
-    for i in range(p.blades):
-        force = b["F_0"][i] * math.cos(b["beta"][i]), b["F_0"][i] * math.sin(b["beta"][i]), b["M_0"][i]
-        for axis, (mass, c, k) in enumerate((("m", "c_x", "k_x"), ("m_y", "c_y", "k_y"), ("I", "c_T", "k_T"))):
-            A = np.array([[0, 1, 0, 0], [-b[k][i], -b[c][i], force[axis], 0], [0, 0, 0, p.omega], [0, 0, -p.omega, 0]])
-            A[1] /= b[mass][i]
-            start = [first[axis, i], first[3 + axis, i], math.sin(b["phase"][i]), math.cos(b["phase"][i])]
-            end[axis, i], end[3 + axis, i], *_ = expm(A * t) @ start
-    return end
-
-
-@pytest.mark.full
-def test_without_contact_blades_are_oscillators():
-    rows = [random_row(np.random.default_rng(seed), 3, False) for seed in range(4)]
-    apart = [dataclasses.replace(p, gap=(1.0,) * 2) for p in rows]
-    controls = [dataclasses.replace(p, mistuning=(*p.mistuning[1:], p.mistuning[0])) for p in apart]
-    got = ends_of([*apart, *controls], 3, 4 * STEPS)
-    want = np.array([free_motion(p, 6 * math.pi / p.omega) for p in rows])
-    # Some thousand steps, so short that the method errs by less than rounding in each.
-    assert furthest(got[:4], want) < 1e-11
-    assert np.min(np.max(np.abs(got[4:] - want) / np.abs(want), axis=(1, 2))) > 1e-3
-
-
 BENDING = Parts(motion=("x", "y"))
 
 
@@ -326,38 +231,6 @@ def test_natural_frequencies_of_stuck_rows():
     np.testing.assert_allclose(along, wave_frequencies(chain, 4 * np.sin(math.pi * h / 10) ** 2), rtol=1e-10)
     closed = wave_frequencies(chain, 4 * np.sin(math.pi * h / 5) ** 2)
     assert np.max(np.abs(along / closed - 1)) > 0.02  # control: a chain is not a ring
-
-
-@pytest.mark.full
-def test_amplitude_of_a_wave_in_permanent_stick():
-    # Ten times the damping settles the start to rounding in 16 periods. Sliders keep what the start left in them, so
-    # that places have an offset and speeds do not.
-    p = ring(1, gap=-1e-3, mu=1.0, c_x=35.7, c_y=196.0)
-    scene = with_parts(row_scene_of(p), BENDING)
-    runs = run_rows([scene], 16, STEPS)
-    assert runs.counts("stick_slip").sum() == 0
-    n, t = (math.sin(p.alpha), -math.cos(p.alpha)), (math.cos(p.alpha), math.sin(p.alpha))
-    K_c = p.k[0] * np.outer(n, n) + p.k_d[0] * np.outer(t, t)
-    force = p.F_0[0] * np.array([math.cos(p.beta[0]), math.sin(p.beta[0])])
-
-    def speeds(h):
-        D = np.diag([p.k_x[0], p.k_y[0]]) + 4 * math.sin(math.pi * h / 4) ** 2 * K_c
-        D = D - p.omega**2 * p.m[0] * np.eye(2) + 1j * p.omega * np.diag([p.c_x[0], p.c_y[0]])
-        amplitude = 1j * p.omega * np.linalg.solve(D, force)
-        return np.imag(amplitude[:, None] * np.exp(1j * np.array(p.phase)))
-
-    got = runs.motion[0, -1, 3:5]
-    assert furthest(got, speeds(1)) < 1e-9
-    assert furthest(got, speeds(2)) > 1e-1
-
-
-@pytest.mark.full
-def test_energy_of_a_ring_without_one_loss_does_not_balance():
-    # What is not accounted for, over the gross work of the drive: rounding. Control: an interface that does not rub.
-    runs = run_rows([row_scene_of(ring(1))], PERIODS, STEPS)
-    assert np.abs(runs.residual[0]) < 1e-12
-    lost = np.sum(runs.samples.friction[:, 0, 0]) / np.sum(runs.samples.gross[:, 0])
-    assert lost > 1e-4
 
 
 @pytest.mark.full

@@ -284,18 +284,6 @@ def test_second_opinion():
     assert np.all(runs.last.status[comparable] == Status.OK)
 
 
-@pytest.mark.release
-@pytest.mark.full
-def test_samples_agree_with_a_march_that_stops_there(table1):
-    # Once with 8 samples in a period and once with 40: the common ones differ by what steps of other lengths err by.
-    method = js.Taylor(order=8, tolerance=1e-9)
-    few, many = (js.simulate(table1, n_periods=1, method=method.replace(steps=400), every=n) for n in (50, 10))
-    for name in Motion._fields:
-        a, b = getattr(few.motion, name), getattr(many.motion, name)[::5]
-        np.testing.assert_allclose(a, b, rtol=0, atol=1e-7 * np.abs(b).max())
-    assert few.status == many.status == Status.OK
-
-
 @pytest.mark.full
 def test_samples_are_read_off_and_cost_no_trial(table1):
     # Wherever samples are, the trials are the same: bit by bit the same end and the same works. What a march that stops

@@ -92,16 +92,6 @@ def test_force_and_stretch_by_mode():
     np.testing.assert_allclose(energy, [0.0, *(300.0**2 / (2 * K) + f**2 / (2 * K_D) for f in F[1:])], rtol=1e-12)
 
 
-@pytest.mark.parametrize("sigma", [1, -1])
-def test_the_force_does_not_jump_where_sliding_begins(sigma):
-    v = jnp.asarray(3e-4)
-    u_s = jnp.asarray(1e-4)
-    u = u_s + sigma * LAW.lag * v  # the limit k_d |w| = mu N
-    slip = jnp.int32(Mode.SLIP_PLUS if sigma > 0 else Mode.SLIP_MINUS)
-    sticking = LAW.friction_force(v, u, u_s, jnp.int32(Mode.STICK))
-    np.testing.assert_allclose(LAW.friction_force(v, u, u_s, slip), sticking, rtol=1e-12)
-
-
 def test_the_slider_moves_as_the_corner_less_the_stretch():
     # u_s = u - w along any motion v(t), u(t), whatever N does.
     v, u, v_rate, u_rate = jnp.asarray(np.random.default_rng(6).normal(size=(4, 500)))

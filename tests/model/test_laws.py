@@ -153,19 +153,6 @@ def test_what_is_not_an_own_law_is_refused(table1):
         js.load("table1", ['parts.contact="own"']).scene.parts  # noqa: B018  built when it is asked for
 
 
-@pytest.mark.release
-@pytest.mark.full
-def test_an_own_spring_is_the_spring():
-    # The same forces by another way: rounding, and events found to rounding rather than to a tolerance.
-    options = ['parts.motion=["x"]', "contact.gamma=2.5", "drive.F_0=60"]
-    base = js.load("table1", [*options, 'parts.friction="none"']).scene
-    own = with_laws(js.load("table1", options).scene, Spring(base.k))
-    run = lambda scene: js.simulate(scene, n_periods=2, method=js.RungeKutta(locate="bisection", steps=2000))
-    a, b = run(base), run(own)
-    np.testing.assert_allclose(a.motion.x, b.motion.x, rtol=0, atol=1e-8 * np.abs(a.motion.x).max())
-    np.testing.assert_allclose(a.N, b.N, rtol=0, atol=1e-6 * a.N.max())
-
-
 @pytest.mark.full
 def test_own_laws_are_differentiable_in_both_modes():
     # Jumps of N at touches, a corner of the spring, a state of friction that starts anew: 1e-6 of the largest slope.

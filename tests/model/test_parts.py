@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from side_by_side import EXACT, ends, relative_error, run, sizes, with_parts
+from side_by_side import EXACT, ends, run, sizes, with_parts
 
 import jaxshroud as js
 from jaxshroud.batch.lanes import begin_lanes, initial_states
@@ -33,32 +33,6 @@ def difference(reduced: Scene, full: Scene, periods: int = PERIODS, steps: int =
     return float(np.max(error))
 
 
-def falls(reduced: Scene, fulls: list[Scene], order: float = 1.0, **how) -> float:
-    """Difference from the last of full models that approach the limit tenfold each; it falls at least so fast."""
-    errors = [difference(reduced, full, **how) for full in fulls]
-    assert np.all(np.diff(np.log10(errors)) < -0.8 * order), errors
-    return errors[-1]
-
-
-@pytest.mark.release
-@pytest.mark.full
-@pytest.mark.parametrize("M_0", [0.0])
-def test_no_torsion_is_stiff_torsion_without_torque(table1, M_0):
-    # Damping is raised with the stiffness: the torsion's own oscillation dies out at once.
-    scene = vary(table1, "drive.M_0", M_0)
-    stiff = [varied(scene, blades__k_T=2e3 * s, blades__c_T=5 * s**0.5) for s in (1e2, 1e3, 1e4)]
-    assert falls(with_parts(scene, motion=("x", "y")), stiff, steps=20000, periods=1) < 1e-3
-
-
-@pytest.mark.release
-@pytest.mark.full
-def test_bending_along_x_alone_is_stiff_bending_along_y(table1):
-    scene = vary(table1, "drive.M_0", 0.0)
-    flat = with_parts(scene, motion=("x", "y"))
-    stiff = [varied(flat, blades__k_y=3e6 * s, blades__c_y=400 * s**0.5) for s in (1e2, 1e3, 1e4)]
-    assert falls(with_parts(scene, motion=("x",)), stiff, steps=10000, periods=1) < 1e-3
-
-
 @pytest.mark.release
 @pytest.mark.full
 def test_no_friction_is_none_of_its_coefficient(table1):
@@ -67,29 +41,6 @@ def test_no_friction_is_none_of_its_coefficient(table1):
     assert difference(bare, vary(table1, "friction.mu", 0.0)) < 1e-9
     assert difference(bare, vary(table1, "friction.k_d", 0.0)) < 1e-9
     assert difference(bare, vary(table1, "friction.mu", 0.1)) > 1e-2  # control
-
-
-@pytest.mark.release
-@pytest.mark.full
-def test_a_rigid_neighbour_is_a_heavy_blade(table1):
-    def heavy(s):
-        scene = varied(table1, **{"drive.F_0[1]".replace(".", "__"): 0.0, "drive__M_0[1]": 0.0})
-        for name in ("m", "I", "k_x", "k_y", "k_T", "c_x", "c_y", "c_T"):
-            scene = vary(scene, f"blades.{name}[1]", s * getattr(table1.blades, name)[1])
-        return scene
-
-    assert falls(with_parts(table1, neighbour="rigid"), [heavy(s) for s in (1e3, 1e4, 1e5)]) < 1e-3
-
-
-@pytest.mark.release
-@pytest.mark.full
-def test_no_contact_is_a_gap_that_never_closes(table1):
-    scene = varied(table1, shroud__gap=1.0, initial__x=1e-4, initial__v_theta=1.0)
-    free = with_parts(scene, contact="none")
-    got, full = (run([s], 3, 300, EXACT["dopri8-cubic"]) for s in (free, scene))
-    assert relative_error(ends(got), ends(full), sizes(full)) < 1e-10
-    power = [r.samples.power for r in (got, full)]
-    np.testing.assert_allclose(*power, rtol=1e-10)
 
 
 @pytest.mark.release(only=["changes2-overdamped"])
@@ -208,14 +159,6 @@ def test_parts_that_do_not_exist_are_refused(table1):
         with_parts(table1, contact="smooth")
     with pytest.raises(KeyError, match="not smooth"):
         vary(table1, "contact.width", 1e-7)
-
-
-@pytest.mark.release
-@pytest.mark.full
-def test_without_friction_events_are_the_same(table1):
-    whole = js.simulate(vary(table1, "friction.mu", 0.0), n_periods=2, method=js.RungeKutta(steps=400))
-    bare = js.simulate(with_parts(table1, friction="none"), n_periods=2, method=js.RungeKutta(steps=400))
-    assert bare.counters == whole.counters
 
 
 @pytest.mark.parametrize("parts", [{}, *REDUCED[:-1]], ids=str)

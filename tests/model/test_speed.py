@@ -5,7 +5,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 import jaxshroud as js
 from jaxshroud.model.linear import free_power, static_position, steady_amplitudes
@@ -13,48 +12,6 @@ from jaxshroud.scene.speed import SPEED_KEYS
 
 GROWTH = ("blades.B_x=[1.3, 0.8]", "blades.B_y=0.7", "blades.B_T=-0.4")
 UNTWIST = ("shroud.gap_at=-15 um", "shroud.gap_at_speed=1500 rpm")
-HARMONICS = """
-[blades]
-m = [0.08, 0.1]
-I = 2.46e-3
-f_x = 178.0
-k_y = 3e6
-k_T = 2000.0
-zeta_x = 0.02
-c_y = 19.6
-c_T = 0.506
-B_x = [1.3, 0.8]
-B_y = 0.7
-B_T = 0.4
-[shroud]
-alpha = "60 deg"
-l_oa = 0.05
-l_ab = 0.035
-gap = 1.0
-[contact]
-gamma = 2.5
-[friction]
-k_d = 1e6
-mu = 0.5
-[drive]
-speed = "1500 rpm"
-phase = [0.3, 1.0]
-F_x_mean = [3.0, -2.0]
-M_mean = 0.4
-[[drive.harmonic]]
-engine_order = 4
-F = [20.0, 30.0]
-beta = 0.5
-M = 0.2
-[[drive.harmonic]]
-engine_order = 8
-F = 10.0
-beta = [0.2, 0.9]
-M = 0.1
-phase = [0.4, -0.7]
-[run]
-periods = 4
-"""
 
 
 def scene_of(*changes, name="fig16_best"):
@@ -97,53 +54,6 @@ def test_frequencies_ratios_and_mistuning_are_those_at_rest():
 
 
 ENGINE_ROW = ("drive.engine_order=4", "row.closed=true")
-
-
-def free_reference(t):
-    """The motion of the free blades of `HARMONICS` from rest, by DOP853 in plain numbers: (6, times)."""
-    O, e = 1500 * np.pi / 30, 4
-    m, I = np.array([0.08, 0.1]), 2.46e-3
-    k_x0 = m * (2 * np.pi * 178) ** 2
-    k = np.stack([k_x0 + np.array([1.3, 0.8]) * m * O**2, 3e6 + 0.7 * m * O**2, 2000 + 0.4 * I * np.full(2, O**2)])
-    c = np.stack([2 * 0.02 * np.sqrt(k_x0 * m), np.full(2, 19.6), np.full(2, 0.506)])
-    mass = np.stack([m, m, np.full(2, I)])
-    phi, psi = np.array([0.3, 1.0]), np.array([0.4, -0.7])
-
-    def rhs(t, z):
-        q, v = z.reshape(2, 3, 2)
-        one, two = np.sin(e * O * t + phi), np.sin(2 * (e * O * t + phi) + psi)
-        F = np.array([20.0, 30.0])
-        beta = np.array([0.2, 0.9])
-        load = np.stack(
-            [
-                np.array([3.0, -2.0]) + F * np.cos(0.5) * one + 10 * np.cos(beta) * two,
-                F * np.sin(0.5) * one + 10 * np.sin(beta) * two,
-                0.4 + 0.2 * one + 0.1 * two,
-            ]
-        )
-        return np.concatenate([v.ravel(), ((load - c * v - k * q) / mass).ravel()])
-
-    found = solve_ivp(rhs, (0, t[-1]), np.zeros(12), "DOP853", t, rtol=1e-13, atol=1e-18)
-    return found.y[:6]
-
-
-@pytest.mark.full
-def test_two_orders_a_mean_load_and_growth_without_contact_follow_dop853(tmp_path):
-    # Rounding of both integrators over three periods: 1e-12 of the largest displacement.
-    file = tmp_path / "free.toml"
-    file.write_text(HARMONICS, encoding="utf-8")
-    scene = js.load(str(file)).scene
-    assert float(scene.given["drive.engine_order"]) == 4
-    t = np.linspace(0, 3, 13) * float(scene.drive.period)
-    wanted = free_reference(t).reshape(3, 2, 13)
-    run = js.simulate(scene, n_periods=3, method=js.RungeKutta("dopri8", steps=400))
-    for row, name in enumerate(("x", "y", "theta")):
-        found = np.asarray(getattr(run.motion, name))[::100].T
-        np.testing.assert_allclose(found, wanted[row], rtol=0, atol=1e-12 * np.abs(wanted[row]).max(), err_msg=name)
-    # Control: with the stiffnesses at rest the motion is another one.
-    still = eqx.tree_at(lambda s: s.blades, scene, scene.blades.at_speed(0.0))
-    plain = js.simulate(still, n_periods=3, method=js.RungeKutta("dopri8", steps=400))
-    assert np.max(np.abs(np.asarray(plain.motion.x)[::100].T - wanted[0])) > 1e-3 * np.abs(wanted[0]).max()
 
 
 @pytest.mark.full

@@ -19,7 +19,6 @@ from jaxshroud.model.blade import ModalMotion
 from jaxshroud.orbits.gradient import scenes_around
 from jaxshroud.scene.text import text_of
 from jaxshroud.scene.vary import level_of
-from jaxshroud.verbs.gradient import differences
 
 METHOD = js.RungeKutta(steps=100)
 SHORT = {"method": METHOD, "n_periods": 8, "transient": 24}
@@ -84,40 +83,6 @@ def test_a_branch_and_a_response_pass_the_orbit():
     assert there.updates <= 1
     response = js.response(two_modes(), *SPEEDS, num=2, most_points=2, **SHORT)
     assert not np.any(response.status)
-
-
-@pytest.mark.full
-def test_motions_are_told_apart():
-    orbit = orbit_of_two()
-    found = js.attractors(two_modes(), 2, method=METHOD)
-    assert found.names == ["A: period 1"]
-    assert found.P_d[0] == pytest.approx(orbit.P_d, rel=1e-8)
-    plane = js.basins(two_modes(), num=2, method=METHOD)
-    assert np.all(plane.label == 0)
-    swept = js.sweep(two_modes(), {"shroud.gap": [2e-5, 2.2e-5]}, direction="both", **SHORT)
-    np.testing.assert_allclose(swept.P_d[..., 1], orbit.P_d, rtol=1e-6)
-
-
-@pytest.mark.full
-def test_a_diagnosis_is_that_of_the_orbit():
-    found, orbit = js.diagnose(two_modes(), transient=16, method=METHOD), orbit_of_two()
-    assert found.verdict == "period 1"
-    np.testing.assert_allclose(np.abs(found.multipliers), np.abs(orbit.multipliers), rtol=1e-6, atol=1e-9)
-
-
-KEYS = [f"blades.modes[{j}].{name}" for j in (0, 1) for name in ("f", "zeta", "phi_x")]
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("of", ["P_d", "x_rms"])
-def test_derivatives_by_modes_are_differences(of):
-    keys = [*KEYS, "blades.modes[1].f[0]", "shroud.gap", "contact.gamma"]
-    found, orbit = js.gradient(two_modes(), keys, of=of, orbit=orbit_of_two(), method=METHOD), orbit_of_two()
-    wanted = differences(orbit, keys, 1e-5, of)
-    for key in keys:
-        assert found.value[key] == pytest.approx(wanted[key], rel=1e-6), key
-    still = js.gradient(two_modes(), ["blades.modes[2].f"], of=of, orbit=orbit_of_two(), method=METHOD)
-    assert still.value["blades.modes[2].f"] == 0  # it does not move the shroud
 
 
 SETTLED = [(3, 2, 0, 1), (3, 2, 0, 3), (4, 2, 0, 1), (4, 2, 0, 3), (5, 2, 0, 8), (6, 2, 0, 8), (3, 2, 2, 3)]

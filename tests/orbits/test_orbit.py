@@ -3,25 +3,21 @@
 from dataclasses import replace
 from functools import partial
 
-import jax
 import numpy as np
 import pytest
 from quotients import on_orbit
 
 import jaxshroud as js
 from jaxshroud import load, value_of
-from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.flows import as_differentiable
-from jaxshroud.batch.tangents import direction, end_as_start, run_flow, tangents, without_direction
-from jaxshroud.batch.xla import repeat_lane
+from jaxshroud.batch.tangents import direction, tangents
 from jaxshroud.march import row_step
 from jaxshroud.march.method import FAST
 from jaxshroud.model import spring_contact
-from jaxshroud.model.linear import area, steady_amplitudes
+from jaxshroud.model.linear import steady_amplitudes
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import State, initial_state
 from jaxshroud.orbits.bifurcation import grazing_margins
-from jaxshroud.orbits.gradient import directional_derivatives
 from jaxshroud.orbits.orbit import ShootingState, describe_orbit
 from jaxshroud.orbits.shooting import _shooting_step, moved_start
 from jaxshroud.results.orbit import Orbit
@@ -129,36 +125,6 @@ def test_naive_gradients_are_wrong(name, monkeypatch):
 def test_naive_gradients_can_hide(monkeypatch):
     # Where contact begins in slip and no case changes, nothing is lost: such an orbit alone would prove nothing.
     assert naive_miss("slip onset", monkeypatch) < 1e-4
-
-
-@pytest.mark.release
-@pytest.mark.full
-def test_shooting_does_what_a_long_transient_does():
-    # The slowest multiplier is 0.93 over two periods.
-    scene, keys, long = scene_of(("contact.gamma=4.2",)), ["shroud.gap", "contact.gamma", "drive.omega"], 720
-    found = orbit(scene)
-    assert 10 * found.periods <= long
-    along = [direction(scene, key) for key in keys]
-    method = as_differentiable(FAST)
-    n = len(keys)
-    dual = Dual(repeat_lane(scene, n), jax.tree.map(lambda *a: np.stack(a), *along))
-    settled = run_flow(dual, without_direction(repeat_lane(initial_state(scene.initial), n)), long, 400, method)
-    last = run_flow(dual, end_as_start(settled), found.q, 400, method)
-    P = float(area(scene.shroud)) * last.value.power[0, 0]
-    assert pytest.approx(found.P[0], rel=1e-10) == P
-    by = last.tangent.power
-    exact = on_orbit(found, keys).value
-    slope = directional_derivatives(dual.value, last.value.power, dual.tangent, by, "P_d")
-    np.testing.assert_allclose(slope, list(exact.values()), rtol=1e-7)
-
-
-@pytest.mark.full
-def test_no_contact_no_derivative():
-    scene = load("table1", ['shroud.gap="5 mm"', "drive.F_0=60"]).scene
-    got = gradient(scene, ["shroud.gap", "contact.gamma", "friction.mu", "friction.k_d"])
-    assert got.kind == "periodic"
-    assert set(got.value.values()) == {0.0}
-    assert got.level == pytest.approx(0.0, abs=1e-5)
 
 
 def test_newtons_step_of_a_linear_map_is_to_its_fixed_point():

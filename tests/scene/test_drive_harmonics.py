@@ -133,12 +133,6 @@ def test_wrong_harmonics_are_refused_in_one_line(harmonics, overrides, told):
     assert "\n" not in str(error.value)
 
 
-def test_an_engine_order_that_is_no_multiple_is_refused():
-    orders = FIRST.replace("order = 1", "engine_order = 6")
-    with pytest.raises(SceneError, match=r"engine_order = 6 is no whole multiple of drive.engine_order = 4; leave"):
-        parse(_ring(orders, "engine_order = 4"), "ring.toml")
-
-
 @pytest.mark.parametrize("key", ["drive.F_0", "drive.harmonic[2].F", "drive.beta[1]"])
 def test_numbers_that_a_drive_lacks_are_refused_by_name(key):
     file = file_with()

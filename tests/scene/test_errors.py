@@ -4,9 +4,7 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud.cli import terminal
-from jaxshroud.io import files
-from jaxshroud.march import stability
-from jaxshroud.scene import checks, config
+from jaxshroud.scene import checks
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.overrides import axis
 
@@ -31,13 +29,6 @@ def test_every_error_is_one_of_ours_and_one_of_pythons(kind, kinds):
 def test_numbers_that_fail_are_not_the_inputs_fault():
     assert not issubclass(checks.NumericalError, checks.InputError)
     assert not issubclass(js.Interrupted, Exception)
-
-
-def test_errors_are_where_they_were():
-    assert config.SceneError is js.SceneError
-    assert checks.NumericalError is js.NumericalError
-    assert (files.WriteError, files.MachineError) == (checks.WriteError, checks.MachineError)
-    assert stability.StepTooLongError is checks.StepTooLongError
 
 
 def test_an_unknown_key_is_the_same_error_everywhere(table1):

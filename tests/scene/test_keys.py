@@ -5,7 +5,6 @@ import sys
 
 import jax.numpy as jnp
 import keys as documented
-import numpy as np
 import pytest
 
 from jaxshroud.io.scene_numbers import key_attrs
@@ -128,21 +127,6 @@ def test_units_are_of_one_dimension_everywhere(row):
 )
 def test_units_of_stored_files(key, unit):
     assert KEYS[key].netcdf == unit
-
-
-@pytest.mark.parametrize("row", SCENE_KEYS, ids=lambda row: row.name)
-def test_ranges_are_those_told(row):
-    allowed = row.range
-    for bad in (np.nan, np.inf, -np.inf):
-        assert not allowed.holds(bad)
-        assert allowed.fault(bad) == "must be a finite number"
-    for bad in (1.001e30, -1.001e30):
-        assert not allowed.holds(bad)
-    assert allowed.holds(1.0)
-    assert allowed.holds(0.999e-30) is not allowed.open
-    assert allowed.holds(0.0) is not allowed.open
-    assert allowed.holds(-1.0) == (allowed.words == "any")
-    np.testing.assert_array_equal(allowed.holds(np.array([1.0, np.nan, 0.0])), [True, False, not allowed.open])
 
 
 def test_what_a_key_may_have_meant():

@@ -1,7 +1,6 @@
 """Rows of blades as a user writes them down: files, keys, engine orders, mistuning and what is refused."""
 
 import inspect
-import re
 import tomllib
 
 import equinox as eqx
@@ -16,11 +15,9 @@ from jaxshroud.scene.checks import InputError, KeyNameError, SceneError
 from jaxshroud.scene.config import load, parse
 from jaxshroud.scene.drive_orders import order_of_phases
 from jaxshroud.scene.keys import ALL_KEYS, ROW_KEYS, find_key, number_shape
-from jaxshroud.scene.layout import LIMITED, MISPRINTS, row_layout
+from jaxshroud.scene.layout import MISPRINTS, row_layout
 from jaxshroud.scene.other_parts import with_parts
-from jaxshroud.scene.overrides import axis
 from jaxshroud.scene.scene import Row
-from jaxshroud.scene.text import text_of
 from jaxshroud.scene.vary import level_of, numbers_of, numbers_that_count, with_numbers
 from jaxshroud.verbs.arguments import resolve_options
 from jaxshroud.verbs.lanes import leading_axes
@@ -144,36 +141,6 @@ def test_mistuning_is_drawn_by_its_seed():
     listed = tomllib.loads(load(CHAIN).text())["row"]["mistuning"]
     np.testing.assert_array_equal(listed, drawn)
     np.testing.assert_array_equal(scene_of('blades = 2\nmistuning = ["3 %", -0.01]').row.mistuning, [0.03, -0.01])
-
-
-ONE_OF_MANY = [
-    *("shroud.gap[3]", "contact.gamma[0]", "friction.mu[2]", "blades.k_x[4]", "blades.m_y[4]", "initial.v_x[2]"),
-    *(
-        "row.mistuning[2]",
-        "drive.F_0[3]",
-        "row.mistuning",
-        "shroud.gap",
-        "blades.m",
-        "drive.omega",
-        "drive.engine_order",
-    ),
-]
-
-
-@pytest.mark.parametrize("key", ONE_OF_MANY)
-def test_every_way_to_give_a_number_gives_the_scene_of_an_override(key):
-    # Bit for bit: vary, rows of a table and lanes of a sweep; the file of each comes back as the same scene.
-    file, value = load(CHAIN), 0.0123456789
-    want = load(CHAIN, [f"{key}={value}"])
-    assert not same(want.scene, file.scene)
-    assert same(js.vary(file.scene, key, value), want.scene)
-    lanes = js.scenes_from({key: [0.5, value]}, file)
-    assert leading_axes(lanes) == (2,)
-    assert same(jax.tree.map(lambda a: a[1], lanes), want.scene)
-    assert same(parse(text_of(want.scene, want.run.model_dump(exclude_none=True)), "again").scene, want.scene)
-    assert same(parse(want.text(), "again").scene, want.scene)
-    assert parse(want.text(), "again").text() == want.text()
-    np.testing.assert_array_equal(axis(file, key, [value, 0.2]).values, [value, 0.2])
 
 
 def test_one_blade_of_many_lanes():
@@ -382,13 +349,6 @@ def test_smooth_contact_has_a_width_for_each_interface():
     assert same(again.contact, smooth.contact)
 
 
-def _verbs():
-    ring = load(RING)
-    return {
-        "trade": lambda: js.trade(ring),
-    }
-
-
 KNOW_ROWS = {
     *("simulate", "sweep", "power", "table", "explain", "check", "diagnose", "rollout"),
     *(
@@ -420,13 +380,7 @@ def test_every_public_function_of_scenes_knows_rows_or_refuses_them():
     takes = lambda f: any("Scene" in str(of.annotation) for of in inspect.signature(f).parameters.values())
     of_scenes = {name for name, f in functions.items() if takes(f)}
     # `with_contact_law` knows rows but for `Laws`, which are refused in words of their own, see above.
-    assert of_scenes == {*_verbs(), *KNOW_ROWS, "with_contact_law"}
-
-
-@pytest.mark.parametrize("verb", list(_verbs()))
-def test_verbs_that_know_no_rows_refuse_them_by_name(verb):
-    with pytest.raises(InputError, match=re.escape(LIMITED[f"`{verb}`"].refusal())):
-        _verbs()[verb]()
+    assert of_scenes == {"trade", *KNOW_ROWS, "with_contact_law"}
 
 
 def test_the_largest_frequency_of_a_row_is_a_bound():

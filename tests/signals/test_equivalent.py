@@ -46,23 +46,6 @@ def test_an_elastic_friction_element_has_its_closed_form(F_0):
     assert found.c_t * 40 < 0.9 * 4 * limit / (np.pi * A)
 
 
-def test_permanent_stick_is_the_linear_response():
-    # Beyond its mean the stuck blade is linear: it moves as one on both springs of the face, K = k n n^T + k_d t t^T.
-    F_0, omega, alpha = 300.0, 40.0, 1.0
-    sets = [*ELEMENT, f"drive.F_0={F_0}", f"shroud.alpha={alpha}", "shroud.gap=-100", "contact.k=80"]
-    scene = js.load("table1", [*sets, "friction.k_d=300", "friction.mu=100", "drive.beta=0.5"]).scene
-    found = js.power(scene, n_periods=4, transient=64, amplitudes=True, method=SERIES)
-    n, t = np.array([np.sin(alpha), -np.cos(alpha)]), np.array([np.cos(alpha), np.sin(alpha)])
-    free = np.diag([400 - omega**2 + 40j * omega, 1e4 - omega**2 + 200j * omega])
-    drive = F_0 * np.array([np.cos(0.5), np.sin(0.5)])
-    q = np.abs(np.linalg.solve(free + 80 * np.outer(n, n) + 300 * np.outer(t, t), drive))
-    # The series err by 1e-12 of a mean that is ten times the amplitude of x.
-    np.testing.assert_allclose([found.x_peak[0], found.y_peak[0]], q, rtol=0, atol=1e-9 * q[0])
-    np.testing.assert_allclose([found.x_rms[0], found.y_rms[0]], q / np.sqrt(2), rtol=0, atol=1e-9 * q[0])
-    # Control: the contact's stiffness counts.
-    assert abs(found.x_peak[0] / np.abs(np.linalg.solve(free, drive))[0] - 1) > 1e-2
-
-
 @pytest.fixture(scope="module", params=["contact.gamma=2.5", "contact.gamma=0.3"])
 def sampled(request):
     """The linear blades of a scene whose blocks do not turn, with samples of its motion, steps and contact."""
