@@ -1,5 +1,6 @@
 """Commands for the tests, as one types them at a shell."""
 
+import json
 import shlex
 
 from jaxshroud.cli.commands import main
@@ -27,3 +28,8 @@ def refused(capsys, line):
 def sets(*changes):
     """The options that change a scene."""
     return shlex.join(word for change in changes for word in ("--set", change))
+
+
+def read_json(path):
+    """What a file of JSON holds."""
+    return json.loads(path.read_text("utf-8"))
