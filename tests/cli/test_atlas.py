@@ -1,9 +1,7 @@
 """The commands `branch`, `attractors` and `basins`, and sweeps in both directions."""
 
-import json
-
 import pytest
-from command_line import run
+from command_line import read_json, run
 
 SCENE = "table1 --set parts.motion=[x] --set blades.c_x=5 --steps-per-period 100"
 RANGE = "--along contact.gamma --start 2 --stop 2.6"
@@ -23,7 +21,7 @@ RANGE = "--along contact.gamma --start 2 --stop 2.6"
 )
 def test_a_command_writes_its_files_and_they_can_be_drawn_again(words, files, tmp_path, capsys):
     run(f"{words} --out {tmp_path}/out")
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    summary = read_json(tmp_path / "out" / "summary.json")
     assert summary["scene"] == "table1.toml"
     for name in files.split():
         assert (tmp_path / "out" / name).stat().st_size > 0

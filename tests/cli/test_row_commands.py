@@ -7,6 +7,8 @@ from command_line import run, sets, status_of
 import jaxshroud as js
 from jaxshroud.cli import projection
 
+pytestmark = pytest.mark.full
+
 RING = ["parts.motion=[x]", "row.blades=3", "drive.engine_order=1"]
 HOW = "--tableau rk4 --steps-per-period 100 --force"
 
@@ -23,7 +25,6 @@ def going_on(first, *ring):
     return f"simulate row_ring12 {sets(*ring)} {HOW} --periods 1 --from {first} --out {first.with_name('second.nc')}"
 
 
-@pytest.mark.full
 def test_a_row_goes_on_from_a_file(first, capsys):
     run(going_on(first, *RING))
     assert "another scene" not in capsys.readouterr().err
@@ -35,13 +36,11 @@ def test_a_row_goes_on_from_a_file(first, capsys):
     np.testing.assert_array_equal(second.mode, long.mode[200:])
 
 
-@pytest.mark.full
 def test_a_row_that_goes_on_differently_says_how(first, capsys):
     run(going_on(first, *RING, "row.mistuning=[0,0.01,0]"))
     assert "row.mistuning was" in capsys.readouterr().err
 
 
-@pytest.mark.full
 @pytest.mark.parametrize(
     ("ring", "told"),
     [
@@ -55,7 +54,6 @@ def test_a_row_goes_on_only_in_its_own_model(first, ring, told, capsys):
     assert told in capsys.readouterr().err.splitlines()[-1]
 
 
-@pytest.mark.full
 def test_a_long_sweep_of_rows_is_projected(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(projection, "LONG_ROW_STEPS", 0)
     along = "--along contact.gamma --values 2,3 --periods 4 --transient 2"
