@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from command_line import refused, run
+from command_line import read_json, refused, run
 
 import jaxshroud as js
 from jaxshroud.results.data_sheet import Campbell
@@ -191,16 +191,12 @@ def test_the_range_of_speeds_reaches_the_lowest_modes():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"engine_orders": []}, "must be positive numbers"),
-        ({"engine_orders": [0, 1]}, "must be positive numbers"),
-        ({"engine_orders": [float("nan")]}, "must be positive numbers"),
-        ({"engine_orders": [float("inf")]}, "must be positive numbers"),
+        *(({"engine_orders": orders}, "must be positive numbers") for orders in ([], [0, 1], [np.nan], [np.inf])),
         ({"engine_orders": range(1, 200)}, "at most 100 numbers"),
         ({"engine_orders": "1"}, "engine_orders"),
         ({"start": 10.0, "stop": 10.0}, "must be a range from 0 on"),
         ({"start": -1.0}, "must be a range from 0 on"),
-        ({"stop": float("inf")}, "must be a range from 0 on"),
-        ({"stop": float("nan")}, "must be a range from 0 on"),
+        *(({"stop": stop}, "must be a range from 0 on") for stop in (np.inf, np.nan)),
     ],
 )
 def test_orders_and_ranges_that_are_none_are_refused(arguments, words):
@@ -214,7 +210,7 @@ def test_the_command_writes_the_sheet_and_its_picture(tmp_path, capsys):
     told = capsys.readouterr().out
     files = "check.nc, check.json, check.png"
     assert all(text in told for text in ("without centrifugal stiffening", "torsion, either blade", "4305.2", files))
-    written = json.loads((tmp_path / "sheet" / "check.json").read_text())
+    written = read_json(tmp_path / "sheet" / "check.json")
     assert [mode["contact"] for mode in written["modes"][:3]] == ["apart"] * 3
     assert {crossing["engine_order"] for crossing in written["crossings"]} == {2.0, 3.0, 4.0}
     again = js.open(tmp_path / "sheet" / "check.nc")

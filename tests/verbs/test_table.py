@@ -98,9 +98,8 @@ def test_the_best_row_has_what_the_table_is_ranked_by(found):
     assert "P_d" in best
 
 
-def test_a_table_is_the_same_after_a_round_through_files(found, tmp_path):
-    found.save(tmp_path / "t.nc")
-    stored = js.open(tmp_path / "t.nc")
+def test_a_table_is_the_same_after_a_round_through_files(found, tmp_path, reopened):
+    stored = reopened(found)
     xr.testing.assert_identical(stored.data, found.data)
     found.save(tmp_path / "t.csv")
     read = pd.read_csv(tmp_path / "t.csv", index_col="row")
