@@ -1,10 +1,8 @@
 """Data sheets of rows of blades: natural modes by nodal diameter, what engine orders excite, and doubts."""
 
-import json
-
 import numpy as np
 import pytest
-from command_line import run, sets
+from command_line import read_json, run, sets
 
 import jaxshroud as js
 from jaxshroud.scene.units import RPM
@@ -83,7 +81,7 @@ def test_the_sheet_of_many_blades_is_a_page(mistuned, tmp_path, capsys):
     out = capsys.readouterr().out
     assert 15 < len(out.splitlines()) <= 60
     sheet = js.check(js.load("row_ring12", changes))
-    assert len(json.loads((tmp_path / "check.json").read_text())["modes"]) == len(sheet.modes) > 60
+    assert len(read_json(tmp_path / "check.json")["modes"]) == len(sheet.modes) > 60
     shown = shown_modes(sheet)
     assert f"{len(sheet.modes) - len(shown)} of {len(sheet.modes)} modes" in out
     assert "--out DIR writes all" in out
