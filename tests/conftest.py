@@ -162,6 +162,17 @@ def published(request):
 
 
 @pytest.fixture
+def reopened(tmp_path):
+    """What a result is once it has been saved and opened again."""
+
+    def call(result):
+        result.save(tmp_path / "result.nc")
+        return jaxshroud.open(tmp_path / "result.nc")
+
+    return call
+
+
+@pytest.fixture
 def written(monkeypatch):
     """The first lanes of the parts of a store that were written so far."""
     from jaxshroud.io.unfinished_store import Unfinished

@@ -17,6 +17,11 @@ from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Contact, Drive, Friction, Row, Scene, Shroud
 
+CHAIN_OF_TWO = ["row.blades=2", "row.closed=false", "drive.engine_order=1"]  # of row_ring12
+PAIR = [  # the same two blades, of table1
+    *('blades.I="block"', "contact.gamma=2.6", "drive.F_0=60", "drive.M_0=0.3"),
+    'drive.phase=["0 deg", "180 deg"]',
+]
 EXACT_ROW = Choices(tableau("dopri8"), "cubic", True)
 BLOCK, LANES = 4, 8  # periods and lanes in one call: one program for any numbers of them
 

@@ -1,20 +1,17 @@
 """A picture that cannot be drawn costs nothing else: it is one line at the very end, with exit status 1."""
 
 import pytest
+from command_line import run, status_of
 
-from jaxshroud.cli import commands as cli
-
-TUNE = ["--set", 'parts.motion=["x"]', "--set", "run.periods=2", "--set", "run.transient=2"]
-TUNE += ["--set", "run.steps_per_period=100", "--over", "contact.gamma=1:2", "--scan", "4", "--starts", "1"]
+TUNE = "--set parts.motion=[x] --periods 2 --transient 2 --steps-per-period 100"
+TUNE += " --over contact.gamma=1:2 --scan 4 --starts 1 --updates 1"
 
 
 @pytest.mark.parametrize(
     ("command", "words", "written"),
     [
-        ("check", [], ["check.json", "check.nc"]),
-        pytest.param(
-            "tune", [*TUNE, "--updates", "1"], ["best.toml", "tune.json", "tune.nc"], marks=pytest.mark.full, id="tune"
-        ),
+        ("check", "", ["check.json", "check.nc"]),
+        pytest.param("tune", TUNE, ["best.toml", "tune.json", "tune.nc"], marks=pytest.mark.full, id="tune"),
     ],
 )
 def test_a_picture_that_fails_is_told_at_the_end(command, words, written, tmp_path, monkeypatch, capsys):
@@ -23,11 +20,11 @@ def test_a_picture_that_fails_is_told_at_the_end(command, words, written, tmp_pa
 
     monkeypatch.setattr("jaxshroud.plotting.style.save_figure", save_figure)
     out = tmp_path / "out"
-    assert cli.main([command, "table1", *words, "--out", str(out)]) == 1
+    assert status_of(f"{command} table1 {words} --out {out}") == 1
     assert sorted(path.name for path in out.iterdir()) == written
     told = capsys.readouterr()
     *_, last = told.err.splitlines()
     assert last == f"{out / command}.png: cannot be drawn (All-NaN slice encountered)"
     assert "Traceback" not in told.err
     assert all(name in told.out for name in written)  # the table of the result is printed before
-    assert cli.main(["scenes"]) == 0  # the next command does not fail for it
+    run("scenes")  # the next command does not fail for it

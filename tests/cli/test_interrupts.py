@@ -1,7 +1,6 @@
 """Ctrl-C, SIGTERM and SIGHUP, really sent to real processes: what ends, what is kept and what is said."""
 
 import gc
-import json
 import os
 import re
 import signal
@@ -14,10 +13,11 @@ import jax
 import numpy as np
 import pytest
 import xarray as xr
+from command_line import read_json, status_of
 
 from jaxshroud import Interrupted, Status, load, sweep
+from jaxshroud import open as open_result
 from jaxshroud.batch.threads import in_threads
-from jaxshroud.cli import commands as cli
 from jaxshroud.cli import sweep as sweep_verb
 from jaxshroud.cli.terminal import interruptible
 from jaxshroud.march.method import RungeKutta
@@ -25,14 +25,13 @@ from jaxshroud_command import END_SIGNALS
 
 pytestmark = pytest.mark.full
 
-SMALL = ["--set", 'parts.motion=["x"]']
-LONG = ["sweep", "table1", *SMALL, "--along", "contact.gamma", "--start", "1", "--stop", "8", "--num", "20000"]
-LONG += ["--transient", "10", "--periods", "10"]
+SWEEP = "sweep table1 --set parts.motion=[x] --along contact.gamma"
+LONG = f"{SWEEP} --start 1 --stop 8 --num 20000 --transient 10 --periods 10".split()
 # The command, with a line on standard output after every block instead of a bar; at once, as threads print together.
 COMMAND = """
 import sys, time
 from contextlib import contextmanager
-from jaxshroud.cli import sweep as verb
+from jaxshroud.cli import computation as verb
 import jaxshroud_command
 
 @contextmanager
@@ -133,7 +132,7 @@ def test_an_interrupted_sweep_keeps_the_lanes_that_had_ended(tmp_path, number):
         np.testing.assert_array_equal(np.isfinite(ds["P_d"]), lanes == Status.OK)
         np.testing.assert_array_equal(np.isfinite(ds["x"]).all(("period", "blade")), lanes == Status.OK)
         assert ds["status"].attrs["flag_meanings"].split()[4] == "NOT_RUN"
-    assert json.loads((out / "summary.json").read_text())["status"]["NOT_RUN"] == (lanes == Status.NOT_RUN).sum()
+    assert read_json(out / "summary.json")["status"]["NOT_RUN"] == (lanes == Status.NOT_RUN).sum()
     assert sorted(p.name for p in out.iterdir()) == ["summary.json", "sweep.nc"]
 
 
@@ -148,8 +147,7 @@ def test_a_command_whose_reader_has_gone_ends_and_keeps_what_had_ended(tmp_path)
         process.stdout.close()
         assert told.readlines()[-1].startswith("interrupted; ")
     assert process.wait(timeout=600) == 141
-    with xr.open_dataset(out / "sweep.nc", engine="h5netcdf") as ds:
-        assert set(ds["status"].to_numpy()) == {Status.OK, Status.NOT_RUN}
+    assert set(open_result(out / "sweep.nc").status) == {Status.OK, Status.NOT_RUN}
 
 
 def test_a_second_interrupt_ends_the_process_at_once(tmp_path):
@@ -246,8 +244,7 @@ def test_a_sweep_whose_terminal_is_closed_keeps_the_lanes_that_had_ended(tmp_pat
             if done and int(done[0]) > 20 * 64 * 20:
                 break
     assert process.wait(timeout=600) == 130
-    with xr.open_dataset(tmp_path / "s" / "sweep.nc", engine="h5netcdf") as ds:
-        assert set(ds["status"].to_numpy()) == {Status.OK, Status.NOT_RUN}
+    assert set(open_result(tmp_path / "s" / "sweep.nc").status) == {Status.OK, Status.NOT_RUN}
 
 
 def test_an_interrupt_that_python_must_ignore_is_repeated():
@@ -281,12 +278,10 @@ def test_what_was_written_before_an_interrupt_is_told(tmp_path, capsys, monkeypa
         raise KeyboardInterrupt
 
     monkeypatch.setattr(sweep_verb, "draw", interrupted)
-    words = ["sweep", "table1", *SMALL, "--along", "contact.gamma", "--values", "1,2", "--periods", "2"]
-    assert cli.main([*words, "--out", str(tmp_path)]) == 130
+    assert status_of(f"{SWEEP} --values 1,2 --periods 2 --out {tmp_path}") == 130
     told = capsys.readouterr().err.splitlines()  # lines of progress come first where it takes long
     assert told[-1] == f"interrupted; {tmp_path / 'sweep.nc'} was written"
-    with xr.open_dataset(tmp_path / "sweep.nc", engine="h5netcdf") as ds:
-        assert ds.attrs["complete"] == 1
+    assert open_result(tmp_path / "sweep.nc").complete
 
 
 @pytest.mark.parametrize("direction", ["forward", "backward"])

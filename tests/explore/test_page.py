@@ -20,6 +20,7 @@ import pytest
 import tornado.httpclient
 import tornado.websocket
 from browser import SMALL, Server, Tab, browser, chromium, served
+from numpy.testing import assert_array_equal
 
 import jaxshroud as js
 from jaxshroud.cli import commands
@@ -77,12 +78,12 @@ def test_the_diagram_is_the_sweep_of_the_command_that_is_copied(tab, tmp_path, m
     """From rest, bit for bit: also where the page came to its values level by level."""
     sweep = run_copied(tab, "sweep command", tmp_path, monkeypatch, "diagram/sweep.nc")
     lanes = tab.data("lanes")
-    np.testing.assert_array_equal(lanes["value"], sweep.axes["contact.gamma"])
+    assert_array_equal(lanes["value"], sweep.axes["contact.gamma"])
     for name, values in zip(COUNTS, (sweep.P_d, sweep.P_d_ci, sweep.x_peak[:, 0]), strict=True):
-        np.testing.assert_array_equal(np.array(lanes[name], float), values)
+        assert_array_equal(np.array(lanes[name], float), values)
     for level, lanes_of_level in enumerate((slice(0, None, 4), slice(2, None, 4), slice(1, None, 2))):
         points = sweep.motion.x[lanes_of_level, :, 0]
-        np.testing.assert_array_equal(np.array(tab.data(f"samples{level}")["x"]), points[np.isfinite(points)])
+        assert_array_equal(np.array(tab.data(f"samples{level}")["x"]), points[np.isfinite(points)])
 
 
 def test_a_click_shows_the_motion_that_simulate_has(tab, tmp_path, monkeypatch):
@@ -90,8 +91,8 @@ def test_a_click_shows_the_motion_that_simulate_has(tab, tmp_path, monkeypatch):
     assert "Motion at contact.gamma" in tab.text("motion")
     run = run_copied(tab, "command", tmp_path, monkeypatch, "run.nc")
     history, last = tab.data("history"), 10 * run.steps_per_period + 1
-    np.testing.assert_array_equal(history["x_1"], run.motion.x[-last:, 0])
-    np.testing.assert_array_equal(history["x_2"], run.motion.x[-last:, 1])
+    assert_array_equal(history["x_1"], run.motion.x[-last:, 0])
+    assert_array_equal(history["x_2"], run.motion.x[-last:, 1])
     assert np.ptp(history["x_1"]) > 0
 
 

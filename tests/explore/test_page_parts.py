@@ -46,6 +46,14 @@ def exploration():
     return Exploration(js.load("table1", SMALL).text(), "table1", tuple(SMALL))
 
 
+WINDOW = Window("contact.gamma", 1.0, 3.0)
+
+
+def diagram_of(exploration, values):
+    """Short runs at some values of the window."""
+    return diagram(exploration.file, WINDOW, values, "independent", Amount(1, 2), METHOD, lambda done, total: None)
+
+
 def imports(nodes):
     """The first names of what statements import."""
     for node in nodes:
@@ -86,10 +94,8 @@ def test_a_finer_level_keeps_the_values_of_the_one_before():
 
 @pytest.mark.full
 def test_levels_that_are_joined_are_the_sweep_of_all_values(exploration):
-    window, length, quiet = Window("contact.gamma", 1.0, 3.0), Amount(1, 2), lambda done, total: None
-    run = lambda values: diagram(exploration.file, window, values, "independent", length, METHOD, quiet)
-    parts = joined([run(window.new_values(level, 3)) for level in (0, 1)])
-    whole = run(window.values(1, 3))
+    parts = joined([diagram_of(exploration, WINDOW.new_values(level, 3)) for level in (0, 1)])
+    whole = diagram_of(exploration, WINDOW.values(1, 3))
     for name in ("P_d", "period_number", "status", "x_peak"):
         np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
     np.testing.assert_array_equal(parts.motion.x, whole.motion.x)
@@ -102,10 +108,9 @@ def test_a_slider_compiles_nothing(exploration):
     """Other numbers of one structure run by the programs that are there."""
     compiled = []
     listen = lambda event, seconds, **more: compiled.append(event) if "backend_compile" in event else None
-    window, quiet = Window("contact.gamma", 1.0, 3.0), lambda done, total: None
 
     def compute(one):
-        diagram(one.file, window, window.values(0, 4), "independent", Amount(1, 2), METHOD, quiet)
+        diagram_of(one, WINDOW.values(0, 4))
         js.simulate(one.file, n_periods=1, method=METHOD)
 
     compute(exploration)
@@ -128,11 +133,10 @@ def test_a_wrong_value_is_refused_with_the_place_and_the_cure(exploration):
 
 @pytest.mark.full
 def test_a_lane_that_stopped_is_shown_as_such(exploration):
-    window, quiet = Window("contact.gamma", 1.0, 3.0), lambda done, total: None
-    result = diagram(exploration.file, window, window.values(0, 3), "independent", Amount(1, 2), METHOD, quiet)
+    result = diagram_of(exploration, WINDOW.values(0, 3))
     result.data["status"][1] = int(Status.NOT_FINITE)
     panel = DiagramPanel(Recolouring(), lambda start, stop: None, lambda value: None)
-    panel.show_window(window)
+    panel.show_window(WINDOW)
     panel.show_level(0, result, result)
     assert panel.stopped.data["shown"].tolist() == [2.0]
     assert panel.lanes.data["status"] == ["OK", "NOT_FINITE", "OK"]

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 from scipy.stats import chi2, norm, t
 
@@ -42,9 +43,9 @@ def product(points):
     return values[..., None], slopes[:, :, None]
 
 
-def measured(predict, truth, noise, rng, *, known=False):
-    """Noisy data of a model, whose noise is known or not."""
-    exact = predict(np.array([truth]))[0][0]
+def measured(predict, truth, noise, seed, *, known=False):
+    """Noisy data of a model, whose noise is known or not; of a seed, or of a generator that goes on."""
+    exact, rng = predict(np.array([truth]))[0][0], np.random.default_rng(seed)
     return Data(exact + noise * rng.standard_normal(exact.shape), np.full(exact.shape, noise if known else 1.0), known)
 
 
@@ -65,9 +66,14 @@ def told_of(found, *, is_history):
     return [number.interval for number in numbers], told
 
 
+def says(told, words):
+    """Whether one of the notes has these words."""
+    return any(words in note for note in told.notes)
+
+
 @pytest.mark.parametrize("known", [True, False])
 def test_intervals_of_a_line_are_those_of_linear_regression(known):
-    data = measured(line, (0.4, 0.5), 0.02, np.random.default_rng(1), known=known)
+    data = measured(line, (0.4, 0.5), 0.02, 1, known=known)
     found, ends, told = found_in(line, data)
     design = np.stack([np.ones_like(TIMES), TIMES], -1)
     exact, rest, *_ = np.linalg.lstsq(design, data.values[:, 0])
@@ -75,8 +81,8 @@ def test_intervals_of_a_line_are_those_of_linear_regression(known):
     half = (norm if known else t(len(TIMES) - 2)).ppf(0.975) * np.sqrt(
         variance * np.diag(np.linalg.inv(design.T @ design))
     )
-    np.testing.assert_allclose(found.u, exact, rtol=1e-7)  # the descent's tolerance
-    np.testing.assert_allclose([e.high - e.low for e in ends], 2 * half, rtol=1e-6)
+    assert_allclose(found.u, exact, rtol=1e-7)  # the descent's tolerance
+    assert_allclose([e.high - e.low for e in ends], 2 * half, rtol=1e-6)
     assert {e.by for e in ends} == {"jacobian"}
     assert told.notes == []
     assert told.determined == [True, True]
@@ -97,7 +103,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
 
 def test_a_profile_ends_where_chi2_says():
     # Of one wide number; the other is eliminated in closed form, as values are linear in it.
-    data = measured(decay, (0.5, 0.5), 0.15, np.random.default_rng(3), known=True)
+    data = measured(decay, (0.5, 0.5), 0.15, 3, known=True)
     found, ends, _ = found_in(decay, data)
     assert ends[1].by == "profile"
 
@@ -107,37 +113,37 @@ def test_a_profile_ends_where_chi2_says():
 
     excess = lambda rate: chi2(rate) - found.chi2 - norm.ppf(0.975) ** 2
     exact = brentq(excess, 0, found.u[1]), brentq(excess, found.u[1], 1)
-    np.testing.assert_allclose((ends[1].low, ends[1].high), exact, atol=2e-3)  # of the root, over the range
+    assert_allclose((ends[1].low, ends[1].high), exact, atol=2e-3)  # of the root, over the range
     linear = found.u[1] + found.quantile * np.sqrt(found.covariance[1, 1]) * np.array([-1, 1])
     assert np.max(np.abs(linear - exact)) > 2e-2  # control: the linear interval is ten times that off
 
 
 def test_numbers_of_which_only_the_product_is_known_are_named():
-    _, ends, told = found_in(product, measured(product, (0.5, 0.6), 0.01, np.random.default_rng(4)))
+    _, ends, told = found_in(product, measured(product, (0.5, 0.6), 0.01, 4))
     assert told.determined == [False, False]
-    assert any(note.startswith("a cannot be told from b here (correlation -1.0") for note in told.notes)
+    assert says(told, "a cannot be told from b here (correlation -1.0")
     assert all(e.by == "profile" for e in ends)
     for end in ends:  # either may be anything from 0.3, where the other is 1, to 1
-        np.testing.assert_allclose((end.low, end.high), (0.3, 1.0), atol=0.02)
+        assert_allclose((end.low, end.high), (0.3, 1.0), atol=0.02)
         assert end.open == (False, True)
 
 
 def test_a_number_without_influence_is_named():
     still = lambda points: (line(points)[0] * 0 + points[:, :1, None], line(points)[1] * np.array([1.0, 0.0]))
-    _, ends, told = found_in(still, measured(still, (0.5, 0.5), 0.01, np.random.default_rng(5)))
+    _, ends, told = found_in(still, measured(still, (0.5, 0.5), 0.01, 5))
     assert told.notes == ["the data do not depend on b here"]
     assert told.determined == [True, False]
     assert (ends[1].low, ends[1].high) == (0, 1)
 
 
 def test_a_truth_outside_the_bounds_is_named():
-    _, _, told = found_in(line, measured(line, (0.5, 1.5), 0.01, np.random.default_rng(6)))
-    assert any("b ends at its bound" in note for note in told.notes)
-    assert any("neighbouring residuals are alike" in note for note in told.notes)  # of a line that does not fit
+    _, _, told = found_in(line, measured(line, (0.5, 1.5), 0.01, 6))
+    assert says(told, "b ends at its bound")
+    assert says(told, "neighbouring residuals are alike")  # of a line that does not fit
 
 
 def test_noise_that_is_stated_too_small_is_named():
-    data = measured(line, (0.4, 0.5), 0.02, np.random.default_rng(7))
+    data = measured(line, (0.4, 0.5), 0.02, 7)
     _, _, told = found_in(line, data._replace(sigma=np.full(data.values.shape, 0.004), sigma_is_known=True))
     assert any(note.startswith("the residuals are 5") or note.startswith("the residuals are 4.") for note in told.notes)
 
@@ -149,9 +155,9 @@ def test_derivatives_that_grow_along_a_record_are_named():
         values, slopes = points[:, :1] + points[:, 1:] * rise, np.stack([np.full_like(rise, 1e-6), rise], -1)
         return values[..., None], slopes[:, :, None]
 
-    found, *_ = found_in(grows, measured(grows, (0.5, 0.5), 0.01, np.random.default_rng(10), known=True))
+    found, *_ = found_in(grows, measured(grows, (0.5, 0.5), 0.01, 10, known=True))
     _, told = told_of(found, is_history=True)
-    assert any("as in chaos" in note for note in told.notes)
+    assert says(told, "as in chaos")
 
 
 def test_each_channel_has_its_own_noise():
@@ -160,27 +166,27 @@ def test_each_channel_has_its_own_noise():
     noise = np.array([0.02, 1e-6])
     data = Data(exact + noise * rng.standard_normal(exact.shape), np.ones(exact.shape), False)
     found, ends, _ = found_in(both, data)
-    np.testing.assert_allclose(found.misfit.data.sigma[0], noise, rtol=0.3)  # four deviations of 40 values
+    assert_allclose(found.misfit.data.sigma[0], noise, rtol=0.3)  # four deviations of 40 values
     assert all(abs(found.u - (0.4, 0.5)) < 5e-3)  # the second channel counts: the first alone leaves 6e-3
     assert all(e.high - e.low < 5e-3 for e in ends)
 
 
 def test_where_the_model_says_nothing_a_descent_turns_back():
     half = lambda points: tuple(np.where(points[:, 1] < 0.7, a.T, np.nan).T for a in line(points))
-    found, _, told = found_in(half, measured(line, (0.4, 0.5), 0.02, np.random.default_rng(9)))
+    found, _, told = found_in(half, measured(line, (0.4, 0.5), 0.02, 9))
     assert abs(found.u[1] - 0.5) < 0.05
     assert told.notes == []
     assert told.determined == [True, True]
     later = lambda points: (np.where(TIMES[:, None] < 0.9, line(points)[0], np.nan), line(points)[1])
-    _, _, told = found_in(later, measured(line, (0.4, 0.5), 0.02, np.random.default_rng(9)))
+    _, _, told = found_in(later, measured(line, (0.4, 0.5), 0.02, 9))
     assert "of 4 of 40 values the fitted scene says nothing: it stops, or finds no orbit there" in told.notes
     nowhere = lambda points: tuple(a * np.nan for a in line(points))
     with pytest.raises(js.NumericalError, match="says nothing of the data"):
-        estimate(misfit_of(nowhere, measured(line, (0.4, 0.5), 0.02, np.random.default_rng(9))), STARTS, 2)
+        estimate(misfit_of(nowhere, measured(line, (0.4, 0.5), 0.02, 9)), STARTS, 2)
 
 
 def test_residuals_and_slopes_are_computed_once_for_each_point():
-    misfit = misfit_of(line, measured(line, (0.4, 0.5), 0.02, np.random.default_rng(1)))
+    misfit = misfit_of(line, measured(line, (0.4, 0.5), 0.02, 1))
     misfit.at(np.array([0.1, 0.2]))
     misfit.at(np.array([0.1, 0.2]))
     assert misfit.evaluations == 1
@@ -197,9 +203,7 @@ def chirp(points):
 
 
 def history_of(truth, seed, *, known, predict=chirp):
-    exact = predict(np.array([truth]))[0][0]
-    noise = 0.02 * np.random.default_rng(seed).standard_normal(exact.shape)
-    return Data(exact + noise, np.full(exact.shape, 0.02 if known else 1.0), known)
+    return measured(predict, truth, 0.02, seed, known=known)
 
 
 def search(data, seed, predict=chirp):
@@ -217,8 +221,8 @@ def test_a_record_is_lengthened_into_its_valley(known):
         ends, told = told_of(found, is_history=True)
         assert told == ([True, True], [])
         assert all(e.low <= u <= e.high for e, u in zip(ends, found.u, strict=True))
-        np.testing.assert_allclose(found.u, truth, rtol=0, atol=5 * 0.02 / np.sqrt(200))
-        np.testing.assert_allclose(np.mean(found.misfit.data.sigma), 0.02, rtol=0.25)
+        assert_allclose(found.u, truth, rtol=0, atol=5 * 0.02 / np.sqrt(200))
+        assert_allclose(np.mean(found.misfit.data.sigma), 0.02, rtol=0.25)
         by_starts = estimate(misfit_of(chirp, data), np.random.default_rng(seed).random((64, 2)), 4)
         found_by_starts.append(abs(by_starts.u[1] - truth[1]) < 1e-3)
     assert not all(found_by_starts)  # control: descents over the whole record miss it
@@ -264,7 +268,7 @@ def test_a_fit_that_the_noise_contradicts_claims_nothing(known):
         again = estimate_at(misfit_of(line, scaled), [Minimum(found.u, float(found.chi2 * (0.02 / sigma) ** 2))])
         told = findings(again, ("a", "b"), profiles(again), lambda u: u, is_history=True)
         assert told.determined == [claims, claims]
-        assert any("times the noise that" in note for note in told.notes) == (not claims)
+        assert says(told, "times the noise that") == (not claims)
 
 
 def test_chi2_over_the_noise_of_neighbours_is_as_large_as_over_known_noise():
@@ -288,16 +292,16 @@ def test_searches_go_on_where_the_noise_contradicts_what_they_found():
 
 
 def test_an_error_of_the_march_as_large_as_an_interval_is_named():
-    data = measured(line, (0.4, 0.5), 0.02, np.random.default_rng(1), known=True)
+    data = measured(line, (0.4, 0.5), 0.02, 1, known=True)
     found, _, told = found_in(line, data)
     assert told.determined == [True, True]
     residuals = found.misfit.at(found.u)
     shift = np.array([0.5, -0.25]) * found.half_widths
     moved = residuals._replace(values=residuals.values + residuals.jacobian @ shift)
-    np.testing.assert_allclose(found.moved_by(moved), 0.5, rtol=1e-9)  # of a line
+    assert_allclose(found.moved_by(moved), 0.5, rtol=1e-9)  # of a line
     told = findings(found, ("a", "b"), profiles(found), lambda u: u, is_history=True, march_error=0.5)
     assert told.determined == [False, False]
-    assert any(note.startswith("the march's own error moves numbers by 0.5 ") for note in told.notes)
+    assert says(told, "the march's own error moves numbers by 0.5 ")
 
 
 def test_a_wrong_valley_has_no_interval():
@@ -307,8 +311,8 @@ def test_a_wrong_valley_has_no_interval():
     scaled = lambda points: (near(points)[0], near(points)[1] * np.array([1.0, 0.02]))
     _, told = told_of(search(data, 0, scaled), is_history=True)
     assert told.determined == [False, False]
-    assert any("times the noise that neighbours have" in note for note in told.notes)
-    assert any("neighbouring residuals are alike" in note for note in told.notes)
+    assert says(told, "times the noise that neighbours have")
+    assert says(told, "neighbouring residuals are alike")
 
 
 def test_two_valleys_that_fit_as_well_are_both_told():
@@ -318,12 +322,12 @@ def test_two_valleys_that_fit_as_well_are_both_told():
     data = history_of((0.6, 0.1), 1, known=True, predict=both)
     _, told = told_of(search(data, 1, both), is_history=True)
     assert told.determined == [True, False]
-    assert any(note.startswith("1 of the starts end elsewhere and fit as well") for note in told.notes)
+    assert says(told, "1 of the starts end elsewhere and fit as well")
 
 
 def test_noise_is_what_neighbours_differ_by():
     rng, at = np.random.default_rng(3), np.sort(np.random.default_rng(4).random(2000))
     noise = 0.01 * rng.standard_normal((2000, 2)) * [1.0, 2.0]
     smooth = np.sin(20 * at)[:, None] * [1.0, -1.0]
-    np.testing.assert_allclose(noise_of_neighbours(noise + smooth, at), [0.01, 0.02], rtol=0.1)
+    assert_allclose(noise_of_neighbours(noise + smooth, at), [0.01, 0.02], rtol=0.1)
     assert np.std(noise + smooth, axis=0).min() > 0.5  # control: what is smooth is large

@@ -9,10 +9,11 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from command_line import refused, run
+from numpy.testing import assert_array_equal
 from scipy.io import loadmat
 
 import jaxshroud as js
-from jaxshroud.cli import commands as cli
 from jaxshroud.io.convert import convert
 from jaxshroud.io.measurements import read_measurements
 from jaxshroud.scene.checks import InputError
@@ -71,45 +72,42 @@ def test_one_run_has_a_row_for_each_sample(lanes, tmp_path):
 def run_csv(tmp_path_factory):
     """A short run as CSV, by the commands."""
     folder = tmp_path_factory.mktemp("run")
-    words = ["--set", 'parts.motion=["x"]', "--steps-per-period", "100", "--periods", "2"]
-    assert cli.main(["simulate", "table1", *words, "--out", str(folder / "run.nc")]) == 0
-    assert cli.main(["convert", str(folder / "run.nc"), "--out", str(folder / "run.csv")]) == 0
+    run(f"simulate table1 --set parts.motion=[x] --steps-per-period 100 --periods 2 --out {folder}/run.nc")
+    run(f"convert {folder}/run.nc --out {folder}/run.csv")
     return folder / "run.csv"
 
 
 @pytest.mark.full
 def test_what_a_run_has_once_is_beside_its_table(run_csv, capsys):
-    run = js.Trajectory.load(run_csv.with_suffix(".nc"))
+    stored = js.Trajectory.load(run_csv.with_suffix(".nc"))
     shared = tomllib.loads(run_csv.with_suffix(".toml").read_text("utf-8"))
-    assert shared["values"]["x_rms"] == run.x_rms.tolist()
+    assert shared["values"]["x_rms"] == stored.x_rms.tolist()
     assert shared["units"]["x_rms"] == "m"
     frame = pd.read_csv(run_csv)
-    assert len(frame) == len(run.t)
-    assert frame["time [s]"].tolist() == run.t.tolist()
-    assert frame["x[1] [m]"].tolist() == run.motion.x[:, 1].tolist()
+    assert len(frame) == len(stored.t)
+    assert frame["time [s]"].tolist() == stored.t.tolist()
+    assert frame["x[1] [m]"].tolist() == stored.motion.x[:, 1].tolist()
     assert not [head for head in frame if head.startswith(("x_", "y_", "theta_"))]
-    words = ["convert", str(run_csv.with_suffix(".nc")), "--out", str(run_csv.with_name("again.csv"))]
+    words = f"convert {run_csv.with_suffix('.nc')} --out {run_csv.with_name('again.csv')}"
     beside = run_csv.with_name("again.toml")
     beside.write_text("[shroud]\ngap = 1e-5\n")  # a scene of that name is lost by no option
-    for more in ([], ["--force"]):
-        assert cli.main([*words, *more]) == 2
-        assert "again.toml: exists and holds something else" in capsys.readouterr().err
+    for more in ("", "--force"):
+        assert "again.toml: exists and holds something else" in refused(capsys, f"{words} {more}")
     beside.write_bytes(run_csv.with_suffix(".toml").read_bytes())
-    assert cli.main(words) == 2
-    assert "again.toml: exists and is kept" in capsys.readouterr().err
+    assert "again.toml: exists and is kept" in refused(capsys, words)
     assert not run_csv.with_name("again.csv").exists()
-    assert cli.main([*words, "--force"]) == 0
+    run(f"{words} --force")
 
 
 def test_a_run_is_read_as_measurements_and_as_a_table(run_csv):
     read = read_measurements(run_csv)
-    run = js.Trajectory.load(run_csv.with_suffix(".nc"))
+    stored = js.Trajectory.load(run_csv.with_suffix(".nc"))
     assert read.names == ("x_left", "x_right")  # the model has no y and no rotation
-    np.testing.assert_array_equal(read.values, run.motion.x)
-    np.testing.assert_array_equal(read.at, run.t)
+    assert_array_equal(read.values, stored.motion.x)
+    assert_array_equal(read.at, stored.t)
     table = read_csv(run_csv)
     assert not table.faults
-    columns = {**table.columns, "shroud.gap [mm]": ["0.02"] * len(run.t)}
+    columns = {**table.columns, "shroud.gap [mm]": ["0.02"] * len(stored.t)}
     designs = read_designs(columns, js.load("table1").scene)
     assert designs.keys == ("shroud.gap",)  # the columns of a run are carried along
     assert designs.heads[:2] == ("time [s]", "x[0] [m]")
@@ -129,8 +127,8 @@ def test_matlab(lanes, tmp_path):
     convert(lanes, tmp_path / "a.mat")
     back = loadmat(tmp_path / "a.mat", simplify_cells=True)
     for name in ("x", "P_d", "P", "status"):
-        np.testing.assert_array_equal(back[name], lanes[name].to_numpy())
-    np.testing.assert_array_equal(back["count_of_1"], lanes["count-of 1"].to_numpy())
+        assert_array_equal(back[name], lanes[name].to_numpy())
+    assert_array_equal(back["count_of_1"], lanes["count-of 1"].to_numpy())
     assert back["dims"]["x"] == "gamma F_0 period blade"
     assert back["units"]["P"] == "m4"
     assert back["attributes"]["title"] == "two by three"
@@ -145,18 +143,15 @@ def test_netcdf_comes_back(lanes, tmp_path):
 def test_the_command(lanes, tmp_path, capsys):
     source, out = tmp_path / "a.nc", tmp_path / "b.csv"
     convert(lanes, source)
-    words = ["convert", str(source), "--out", str(out)]
-    assert cli.main(words) == 0
+    run(f"convert {source} --out {out}")
     assert out.read_text().startswith("gamma,F_0 [N]")
     for wrong, message in (
-        (words, "exists and is kept"),
-        (["convert", str(source), "--out", str(tmp_path / "b.xls")], "must end in .csv, .mat, .nc"),
-        (["convert", str(source), "--rows", "lane", "--out", str(tmp_path / "b.mat")], "rows are those of .csv"),
-        (["convert", str(tmp_path / "none.nc"), "--out", str(tmp_path / "c.csv")], "no such file"),
+        (f"{source} --out {out}", "exists and is kept"),
+        (f"{source} --out {tmp_path}/b.xls", "must end in .csv, .mat, .nc"),
+        (f"{source} --rows lane --out {tmp_path}/b.mat", "rows are those of .csv"),
+        (f"{tmp_path}/none.nc --out {tmp_path}/c.csv", "no such file"),
     ):
-        capsys.readouterr()
-        assert cli.main(wrong) == 2
-        assert message in capsys.readouterr().err
+        assert message in refused(capsys, f"convert {wrong}")
 
 
 @pytest.mark.full

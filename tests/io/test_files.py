@@ -16,9 +16,9 @@ import h5py
 import numpy as np
 import pytest
 import xarray as xr
+from command_line import refused, status_of
 
 import jaxshroud as js
-from jaxshroud.cli import commands as cli
 from jaxshroud.cli import describe
 from jaxshroud.cli.command_table import COMMANDS
 from jaxshroud.cli.terminal import CommandError, refuse_existing
@@ -101,7 +101,7 @@ def test_a_wrong_place_is_no_fault_of_the_machine(tmp_path):
 
 def test_a_picture_on_a_full_disk_is_a_failure_of_the_machine(tmp_path, capsys, full):
     (tmp_path / "power.json").write_text(json.dumps({"n": [], "P_d": [], "P_d_ci": [], "final": {}, "title": ""}))
-    assert cli.main(["plot", str(tmp_path)]) == 1
+    assert status_of(f"plot {tmp_path}") == 1
     assert capsys.readouterr().err.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["power.json"]
 
@@ -290,12 +290,12 @@ def test_a_broken_link_is_refused_as_any_other_file_is(tmp_path):
 def test_a_command_whose_place_was_taken_says_so_last_and_fails(tmp_path, capsys, monkeypatch):
     write_sheet = describe._write_sheet
 
-    def taken(sheet, file, options, start):
+    def taken(sheet, file, options):
         (options.out / "check.png").write_text("foreign")
-        write_sheet(sheet, file, options, start)
+        write_sheet(sheet, file, options)
 
     monkeypatch.setattr(describe, "_write_sheet", taken)
-    assert cli.main(["check", "table1", "--out", str(tmp_path)]) == 1
+    assert status_of(f"check table1 --out {tmp_path}") == 1
     printed = capsys.readouterr()
     assert printed.err.count("\n") == 1
     assert printed.err.startswith(f"{tmp_path / 'check.png'}: has appeared during the run and is kept; the results ")
@@ -319,24 +319,24 @@ def not_utf8_within(file):
     file["x"].attrs.create("units", b"m\xff", dtype=h5py.string_dtype("utf-8"))
 
 
-def without_dimensions(file):
-    values = file["x"][:30]
+def replace_x(file, values):
     del file["x"]
     file["x"] = values
+
+
+def without_dimensions(file):
+    replace_x(file, file["x"][:30])
 
 
 def shorter(file):  # with its dimensions, as which it would end in zeros
-    values, scales = file["x"][:30], [dim[0].name for dim in file["x"].dims]
-    del file["x"]
-    file["x"] = values
+    scales = [dim[0].name for dim in file["x"].dims]
+    without_dimensions(file)
     for dim, scale in zip(file["x"].dims, scales, strict=True):
         dim.attach_scale(file[scale])
 
 
 def flat(file):
-    values = file["x"][:, 0]
-    del file["x"]
-    file["x"] = values
+    replace_x(file, file["x"][:, 0])
 
 
 UNREADABLE = [not_utf8, not_utf8_within, without_dimensions, shorter]
@@ -362,10 +362,7 @@ def test_a_damaged_result_is_one_line(run, tmp_path, capsys, damage, verb):
         with pytest.raises(StoreError, match=r"not a complete result file .*; run the command again"):
             js.open(path)
     out = {"animate": "a.gif", "plot": "a.png", "convert": "b.nc"}[verb]
-    assert cli.main([verb, str(path), "--out", str(tmp_path / out)]) == 2
-    printed = capsys.readouterr()
-    assert (printed.out, printed.err.count("\n")) == ("", 1)
-    assert "a.nc: " in printed.err
+    assert "a.nc: " in refused(capsys, f"{verb} {path} --out {tmp_path}/{out}")
     assert not (tmp_path / out).exists()
 
 

@@ -4,8 +4,8 @@ import math
 import os
 from pathlib import Path
 
-import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import jaxshroud as js
 from jaxshroud.io.measurements import measurements_from, read_measurements
@@ -23,8 +23,8 @@ def written(tmp_path, text):
 def test_a_history_is_in_si_units(tmp_path):
     data = read_measurements(written(tmp_path, "\ufeff" + HISTORY))
     assert (data.kind, data.names) == ("history", ("x_left", "theta_right"))
-    np.testing.assert_allclose(data.at, [0, 2e-3], rtol=1e-15)
-    np.testing.assert_allclose(data.values, [[1e-3, math.pi / 2], [-3e-3, math.pi / 4]], rtol=1e-15)
+    assert_allclose(data.at, [0, 2e-3], rtol=1e-15)
+    assert_allclose(data.values, [[1e-3, math.pi / 2], [-3e-3, math.pi / 4]], rtol=1e-15)
     assert data.sigma is None
 
 
@@ -40,9 +40,9 @@ def test_a_history_is_in_si_units(tmp_path):
 def test_a_frequency_may_be_given_in_three_ways(axis):
     data = measurements_from({**axis, "x_rms_left [um]": [1.0, 2.0], "x_rms_left_sigma [nm]": [10.0, 10.0]})
     assert data.kind == "response"
-    np.testing.assert_allclose(data.at, [536.0, 600.0], rtol=1e-12)
-    np.testing.assert_allclose(data.values, [[1e-6], [2e-6]], rtol=1e-15)
-    np.testing.assert_allclose(data.sigma, 1e-8, rtol=1e-15)
+    assert_allclose(data.at, [536.0, 600.0], rtol=1e-12)
+    assert_allclose(data.values, [[1e-6], [2e-6]], rtol=1e-15)
+    assert_allclose(data.sigma, 1e-8, rtol=1e-15)
 
 
 @pytest.mark.parametrize(

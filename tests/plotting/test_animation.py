@@ -4,6 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from PIL import Image
 from test_plot_contact import HALF, run
 
@@ -40,10 +41,10 @@ def test_blocks_have_their_shape_and_move_by_the_factor():
     shown.show(15)  # a quarter of the period: x_1 = 1 mm, x_2 = -1 mm
     left, right = faces(shown)
     sides = np.linalg.norm(np.diff(left, axis=0, append=left[:1]), axis=1)
-    np.testing.assert_allclose(sides, [0.035, 0.05, 0.035, 0.05], rtol=1e-12)
-    np.testing.assert_allclose(left.mean(axis=0)[0], 10 * 1e-3, rtol=1e-3)
+    assert_allclose(sides, [0.035, 0.05, 0.035, 0.05], rtol=1e-12)
+    assert_allclose(left.mean(axis=0)[0], 10 * 1e-3, rtol=1e-3)
     # Centres are a block and ten gaps apart, less ten times the approach.
-    np.testing.assert_allclose((right - left).mean(axis=0)[0], 0.05 + 10 * 2e-5 - 10 * 2e-3, rtol=1e-3)
+    assert_allclose((right - left).mean(axis=0)[0], 0.05 + 10 * 2e-5 - 10 * 2e-3, rtol=1e-3)
     assert "motion and gap × 10" in [text.get_text() for text in shown.figure.axes[0].texts]
 
 
@@ -51,13 +52,13 @@ def test_forces_act_at_the_contact_point_and_are_opposite():
     shown = animation(still(), 1.0)
     shown.show(15)
     corner = faces(shown)[0, 0]  # a: the upper one of the contact face
-    np.testing.assert_allclose(shown.arrows.get_offsets(), np.tile(corner, (4, 1)), atol=1e-12)
+    assert_allclose(shown.arrows.get_offsets(), np.tile(corner, (4, 1)), atol=1e-12)
     U, V = shown.arrows.U, shown.arrows.V
-    np.testing.assert_allclose([U[0] + U[1], V[0] + V[1], U[2] + U[3], V[2] + V[3]], 0, atol=1e-15)
+    assert_allclose([U[0] + U[1], V[0] + V[1], U[2] + U[3], V[2] + V[3]], 0, atol=1e-15)
     # The normal force pushes the left block to the left, at right angles to the face; mu N = N / 2 along it.
-    np.testing.assert_allclose([U[0], V[0]] @ (corner - faces(shown)[0, 1]), 0, atol=1e-15)
+    assert_allclose([U[0], V[0]] @ (corner - faces(shown)[0, 1]), 0, atol=1e-15)
     assert U[0] < 0
-    np.testing.assert_allclose(np.hypot(U[2], V[2]) / np.hypot(U[0], V[0]), 0.5, rtol=1e-12)
+    assert_allclose(np.hypot(U[2], V[2]) / np.hypot(U[0], V[0]), 0.5, rtol=1e-12)
     shown.show(45)
     assert not shown.arrows.get_visible()
     assert "apart" in shown.caption.get_text()

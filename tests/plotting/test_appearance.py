@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from referee import complaints
 from test_animation import animation, still
-from test_plot import drawn, gamma_sweep, grid_sweep, power
+from test_plot import drawing, entries, gamma_sweep, grid_sweep, power
 from test_plot_branch import around, branch_of
 from test_plot_contact import run
 from test_plot_mistuned import mistuned
@@ -129,30 +129,21 @@ def two_rows():
 
 
 PICTURES = {
-    **{
-        f"run {kind}": (lambda kind=kind, **appearance: picture("trajectory", two_rows(), kind=kind, **appearance))
-        for kind in RUN_PAGES
-    },
-    "sweep": lambda **appearance: picture(
-        "sweep", gamma_sweep(60, failed=[(3, 3), (40, 1)]).assign_attrs(title=LONG), **appearance
-    ),
-    "map": lambda **appearance: picture(
-        "sweep", grid_sweep(8, failed=[((2, 3), 3)]).assign_attrs(title=LONG), **appearance
-    ),
-    "power": lambda **appearance: picture("power", power() | {"title": "Fig. 15: P_d over n"}, **appearance),
-    "branch": lambda **appearance: picture("branch", branch(), **appearance),
-    "attractors": lambda **appearance: picture("attractors", attractors((0.5, 0.3, 0.2)), **appearance),
-    "basins": lambda **appearance: picture("basins", basins(), **appearance),
-    "diagnosis": lambda **appearance: picture("diagnosis", diagnosis(), **appearance),
-    "trade": lambda **appearance: picture("trade", trade(), **appearance),
-    "tuned": lambda **appearance: picture("tuned", tuning(map=GRID, robust=robust()), **appearance),
-    "tuned keys": lambda **appearance: picture("tuned", tuning(), **appearance),
-    "robustness": lambda **appearance: picture("robustness", tuning(robust=robust()), **appearance),
-    "scatter": lambda **appearance: picture("scatter", scattered([-0.1, 0.8], [0.2, 1.2]), **appearance),
-    "mistuned": lambda **appearance: picture(
-        "mistuned", mistuned(0.8, searched=True).assign_attrs(title=LONG), **appearance
-    ),
-    "mistuned little": lambda **appearance: picture("mistuned", mistuned(0.05).assign_attrs(title=LONG), **appearance),
+    **{f"run {kind}": ("trajectory", two_rows(), {"kind": kind}) for kind in RUN_PAGES},
+    "sweep": ("sweep", gamma_sweep(60, failed=[(3, 3), (40, 1)]).assign_attrs(title=LONG), {}),
+    "map": ("sweep", grid_sweep(8, failed=[((2, 3), 3)]).assign_attrs(title=LONG), {}),
+    "power": ("power", power() | {"title": "Fig. 15: P_d over n"}, {}),
+    "branch": ("branch", branch(), {}),
+    "attractors": ("attractors", attractors((0.5, 0.3, 0.2)), {}),
+    "basins": ("basins", basins(), {}),
+    "diagnosis": ("diagnosis", diagnosis(), {}),
+    "trade": ("trade", trade(), {}),
+    "tuned": ("tuned", tuning(map=GRID, robust=robust()), {}),
+    "tuned keys": ("tuned", tuning(), {}),
+    "robustness": ("robustness", tuning(robust=robust()), {}),
+    "scatter": ("scatter", scattered([-0.1, 0.8], [0.2, 1.2]), {}),
+    "mistuned": ("mistuned", mistuned(0.8, searched=True).assign_attrs(title=LONG), {}),
+    "mistuned little": ("mistuned", mistuned(0.05).assign_attrs(title=LONG), {}),
 }
 
 
@@ -160,7 +151,8 @@ PICTURES = {
 @pytest.mark.parametrize("width", [None, 90])
 @pytest.mark.parametrize("name", PICTURES)
 def test_no_text_is_cut_covered_or_wider_than_its_panel(name, width):
-    assert complaints(PICTURES[name](width=width)) == []
+    kind, content, page = PICTURES[name]
+    assert complaints(picture(kind, content, width=width, **page)) == []
 
 
 def test_a_referee_sees_what_is_wrong():
@@ -187,7 +179,7 @@ def test_a_long_title_is_broken_and_a_short_one_kept():
 
 
 def test_an_attractor_that_takes_all_starts_has_a_whole_mark():
-    shares = drawn(picture("attractors", attractors((1.0,)))).axes[1]
+    shares = drawing("attractors", attractors((1.0,))).axes[1]
     mark = shares.lines[0]
     radius = mark.get_markersize() / 2 * shares.figure.dpi / 72
     x = shares.transData.transform((1.0, 0.0))[0]
@@ -195,7 +187,7 @@ def test_an_attractor_that_takes_all_starts_has_a_whole_mark():
 
 
 def test_orbits_that_coincide_are_all_seen():
-    orbits = drawn(picture("attractors", attractors((0.4, 0.3, 0.2, 0.1), kinds=[0, 2, 0, 0]))).axes[0]
+    orbits = drawing("attractors", attractors((0.4, 0.3, 0.2, 0.1), kinds=[0, 2, 0, 0])).axes[0]
     paths = [line for line in orbits.lines if line.get_xdata().size > 1]
     above = sorted((one for one in paths if to_hex(one.get_color()) != to_hex(COLOURS[1])), key=paths.index)
     widths = [line.get_linewidth() for line in above]
@@ -206,15 +198,15 @@ def test_orbits_that_coincide_are_all_seen():
 
 @pytest.mark.parametrize(("at", "explained"), [((0.0, 0.0), True), ((1e-3, 1.0), True), ((9e-3, 0.0), False)])
 def test_poincare_points_are_explained_where_they_are_shown(at, explained):
-    figure = drawn(picture("basins", basins(at)))
-    told = [text.get_text() for text in figure.legends[0].get_texts()]
+    figure = drawing("basins", basins(at))
+    told = entries(figure.legends[0])
     assert told[:4] == ["A: period 1", "B: period 1", "undecided", "stopped"]
     assert (told[4:] == ["Poincaré point"]) == explained == bool(figure.axes[0].lines)
     assert to_hex(figure.legends[0].get_patches()[2].get_facecolor()) == PALE
 
 
 def test_methods_have_the_colours_of_the_house_and_variants_their_marks():
-    panel = drawn(picture("trade", trade())).axes[0]
+    panel = drawing("trade", trade()).axes[0]
     lines = {line.get_label(): line for line in panel.lines}
     assert {line.get_color() for name, line in lines.items() if name != "best of all"} == set(COLOURS[:3])
     rk4 = [line for name, line in lines.items() if name.startswith("rk4")]
@@ -240,26 +232,13 @@ def test_a_tuning_with_a_map_is_mostly_map():
 
 
 def test_losses_at_many_values_are_dots_without_lines():
-    axes = drawn(picture("robustness", tuning(robust=robust()))).axes
+    axes = drawing("robustness", tuning(robust=robust())).axes
     looks = {len(line.get_xdata()): line.get_linestyle() for panel in axes for line in panel.lines}
     assert (looks[300], looks[12]) == ("None", "-")
 
 
 def test_no_cell_of_a_robust_tuning_is_empty():
-    axes = drawn(
-        picture(
-            "robustness",
-            tuning(
-                robust={
-                    **robust(),
-                    "intervals": {
-                        "shroud.gap": robust()["intervals"]["shroud.gap"],
-                        **{k: v for k, v in robust()["intervals"].items()},
-                    },
-                }
-            ),
-        )
-    ).axes
+    axes = drawing("robustness", tuning(robust=robust())).axes
     rows: dict[int, float] = {}
     for panel in axes:
         box = panel.get_window_extent()

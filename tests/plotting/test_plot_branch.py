@@ -2,7 +2,7 @@
 
 import numpy as np
 import xarray as xr
-from test_plot import drawn
+from test_plot import drawing, drawn, entries
 
 from jaxshroud.model.modes import BIFURCATION_KINDS
 from jaxshroud.plotting.pictures import picture
@@ -48,15 +48,15 @@ def test_orbits_that_differ_are_all_drawn():
     # Control: the same way back with the second sample a tenth higher is another orbit.
     samples, gamma = around(200, 1.0)
     samples[100:, 1] += 1e-6
-    once = lengths(drawn(picture("branch", branch_of(*around(100, 0.5)))))
-    assert lengths(drawn(picture("branch", branch_of(samples, gamma))))[0] > 1.9 * once[0]
+    once = lengths(drawing("branch", branch_of(*around(100, 0.5))))
+    assert lengths(drawing("branch", branch_of(samples, gamma)))[0] > 1.9 * once[0]
 
 
 def test_marks_of_a_loop_are_drawn_once():
     samples, gamma = around(201, 1.0)
     kind = np.zeros(201, int)
     kind[[50, 150]] = BIFURCATION_KINDS.index("fold")
-    panel = drawn(picture("branch", branch_of(samples, gamma, kind=kind))).axes[0]
+    panel = drawing("branch", branch_of(samples, gamma, kind=kind)).axes[0]
     marks = [line.get_xydata() for line in panel.lines if line.get_marker() == MARKERS["fold"][0]]
     assert sum(np.isfinite(one[:, 1]).sum() for one in marks) == 2  # one for each sample
 
@@ -65,14 +65,14 @@ def test_the_legend_names_marks_that_are_seen():
     samples, gamma = around(201, 1.0)
     kind = np.zeros(201, int)
     kind[50], kind[150] = BIFURCATION_KINDS.index("fold"), BIFURCATION_KINDS.index("jump")
-    figure = drawn(picture("branch", branch_of(samples, gamma, kind=kind)))
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["unstable", "fold"]
+    figure = drawing("branch", branch_of(samples, gamma, kind=kind))
+    assert entries(figure.legends[0]) == ["unstable", "fold"]
 
 
 def test_a_branch_along_the_gap_is_not_divided_by_it():
     gap = np.linspace(1e-5, 2e-5, 20)
     ds = branch_of(np.full((20, 1), 1e-5), gap, gap=gap)
     ds["value"].attrs |= {"key": "shroud.gap", "units": "m"}
-    panel = drawn(picture("branch", ds)).axes[0]
+    panel = drawing("branch", ds).axes[0]
     assert panel.get_ylabel() == "$x_1$ [mm]"
     np.testing.assert_allclose(panel.lines[0].get_ydata(), 0.01)

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.colors import to_hex
-from test_plot import drawn, texts
+from test_plot import drawing, entries, texts
 
-from jaxshroud.plotting.pictures import picture
 from jaxshroud.plotting.style import BLUE, INK, ORANGE
 from jaxshroud.results.data_sheet import Campbell, NaturalMode, crossings_between
 
@@ -35,9 +34,7 @@ def campbell(modes=MODES, orders=(2.0, 4.0, 8.0), start=0.0, stop=2000.0):
 
 def axes_of(**options):
     """The only axes of the picture, drawn."""
-    figure = picture("campbell", campbell(**options).data)
-    drawn(figure)
-    (axes,) = figure.axes
+    (axes,) = drawing("campbell", campbell(**options).data).axes
     return axes
 
 
@@ -83,9 +80,8 @@ def test_names_are_those_of_what_is_shown():
 
 def test_the_legend_has_no_state_without_a_line():
     def labels(modes):
-        figure = picture("campbell", campbell(modes=modes).data)
-        drawn(figure)
-        return {text.get_text() for legend in figure.legends for text in legend.get_texts()}
+        figure = drawing("campbell", campbell(modes=modes).data)
+        return {word for legend in figure.legends for word in entries(legend)}
 
     assert {"apart", "stuck"} <= labels(MODES)
     assert not {"apart"} & labels(MODES[2:])  # of faces that are pressed on each other at all speeds
@@ -112,16 +108,15 @@ def test_a_range_of_speeds_is_the_axis(start):
 )
 def test_few_and_many_lines_are_drawn(options):
     legend = axes_of(**options).figure.legends[0]
-    contacts = [text.get_text() for text in legend.get_texts()][:2]
+    contacts = entries(legend)[:2]
     touching = {one.contact for one in options.get("modes", MODES)} - {"apart", "corner"}
     assert contacts[0] == "apart"
     assert set(contacts[1:]) >= touching
 
 
-def test_a_stored_diagram_is_that_of_the_result(tmp_path):
+def test_a_stored_diagram_is_that_of_the_result(reopened):
     result = campbell()
-    result.save(tmp_path / "check.nc")
-    again = Campbell.load(tmp_path / "check.nc")
+    again = reopened(result)
     xr.testing.assert_identical(again.data, result.data)
     assert again.plot(width=180).get_figwidth() == pytest.approx(180 / 25.4)
     assert len(again.plot(panel="frequency").axes) == 1
@@ -144,8 +139,7 @@ def test_a_wheel_has_bands_with_their_ends():
 
 def test_all_orders_of_the_drive_are_bold():
     speeds = {"speed": 1450 * RPM, "start": 0.0, "stop": 2000 * RPM, "drive_order": 4.0}
-    figure = picture("campbell", Campbell.of_modes(MODES, (2.0, 4.0, 8.0), speeds, harmonics=(1, 2)).data)
-    drawn(figure)
+    figure = drawing("campbell", Campbell.of_modes(MODES, (2.0, 4.0, 8.0), speeds, harmonics=(1, 2)).data)
     (axes,) = figure.axes
     assert {text.get_text() for text in axes.texts if text.get_weight() == "bold"} == {"4", "8"}
     assert "orders 4 and 8, the drive's" in texts(figure)

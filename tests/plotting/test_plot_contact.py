@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
+from test_plot import drawing, entries, texts
 
 from jaxshroud.plotting.pictures import picture
 from jaxshroud.plotting.plot_run import RUN_PAGES
@@ -42,13 +43,7 @@ def run(n_periods=8, every=1, turns=True, **attrs):
 
 def panel(name, ds):
     """The axes of a picture of that kind, after everything was drawn."""
-    figure = picture("trajectory", ds, kind=name)
-    figure.canvas.draw()
-    return figure.axes[0]
-
-
-def words(figure):
-    return "\n".join(text.get_text() for text in figure.findobj(lambda artist: hasattr(artist, "get_text")))
+    return drawing("trajectory", ds, kind=name).axes[0]
 
 
 def test_the_ribbon_shows_how_long_contact_is_in_each_state():
@@ -57,8 +52,7 @@ def test_the_ribbon_shows_how_long_contact_is_in_each_state():
     # States above (stick, slip +), cases below (flat, 1): to a sample at either end.
     np.testing.assert_allclose(widths, [0.25, 0.25, 0.1, 0.4], atol=2.5 / STEPS)
     assert ribbon.get_xlim() == (0, 1)
-    entries = [text.get_text() for text in ribbon.figure.legends[0].get_texts()]
-    assert entries == ["stick", "slip +", "case 1", "flat"]  # and none that does not occur
+    assert entries(ribbon.figure.legends[0]) == ["stick", "slip +", "case 1", "flat"]  # and none that does not occur
 
 
 def test_a_motion_that_repeats_after_two_periods_has_two_rows():
@@ -79,32 +73,31 @@ def test_the_loop_encloses_the_work_of_friction():
 
 def test_forces_are_shown_with_the_limit_of_friction():
     forces = panel("forces", run())
-    assert [text.get_text() for text in forces.get_legend().get_texts()] == [r"$\pm\mu N$", "$N$", "$F$"]
+    assert entries(forces.get_legend()) == [r"$\pm\mu N$", "$N$", "$F$"]
     assert forces.get_xlim() == pytest.approx((0, 1))
     without = run()
     without["F"] *= 0
     without.attrs["scene"] = ""
-    assert [text.get_text() for text in panel("forces", without).get_legend().get_texts()] == ["$N$"]
+    assert entries(panel("forces", without).get_legend()) == ["$N$"]
 
 
 def test_the_path_stays_between_the_ends_of_the_face():
     path = panel("path", run())
     ends = [line.get_ydata()[0] for line in path.lines if line.get_linestyle() == "--"]
     assert ends == pytest.approx([-1e3 * HALF, 1e3 * HALF])
-    assert "the blocks do not turn" in words(picture("trajectory", run(turns=False), kind="path"))
+    assert "the blocks do not turn" in texts(picture("trajectory", run(turns=False), kind="path"))
 
 
 def test_smooth_contact_has_no_modes_but_is_told_from_none():
     ds = run()
     ds["mode"] = 0 * ds["mode"] + 4
-    assert panel("ribbon", ds).figure.legends[0].get_texts()[0].get_text() == "contact"
+    assert entries(panel("ribbon", ds).figure.legends[0])[0] == "contact"
 
 
 @pytest.mark.parametrize("kind", sorted(RUN_PAGES))
 @pytest.mark.parametrize("n_periods", [1, 8])
 def test_every_kind_draws(kind, n_periods):
-    figure = picture("trajectory", run(n_periods), kind=kind)
-    figure.canvas.draw()
+    figure = drawing("trajectory", run(n_periods), kind=kind)
     assert len(figure.axes) == len(RUN_PAGES[kind])
 
 
@@ -124,7 +117,7 @@ def test_too_little_is_told(ds, kind, told):
 
 
 def test_the_usual_picture_says_it_in_the_panel():
-    assert "No end of a period" in words(picture("trajectory", run(every=7, n_periods=6))).replace("\n", " ")
+    assert "No end of a period" in texts(picture("trajectory", run(every=7, n_periods=6))).replace("\n", " ")
 
 
 def test_events_stand_between_the_samples_they_came_between():

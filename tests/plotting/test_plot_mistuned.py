@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_plot import drawn
+from test_plot import drawing, entries
 
 from jaxshroud.plotting.pictures import BEHIND, picture
 from jaxshroud.plotting.style import GREY
@@ -37,7 +37,7 @@ def mistuned(spread, *, patterns=40, designs=("none", "alternate:0.02"), sigmas=
 
 @pytest.mark.parametrize(("spread", "is_line"), [(0.8, True), (0.05, False)])
 def test_whiteheads_factor_is_a_line_unless_it_would_press_the_patterns_to_the_bottom(spread, is_line):
-    panel = drawn(picture("mistuned", mistuned(spread))).axes[0]
+    panel = drawing("mistuned", mistuned(spread)).axes[0]
     (words,) = (text.get_text() for text in panel.texts)
     assert words.startswith("Whitehead (linear, one mode per blade): 2.23")
     assert (panel.get_ylim()[1] > 2.23) == is_line == ("beyond" not in words)
@@ -45,10 +45,7 @@ def test_whiteheads_factor_is_a_line_unless_it_would_press_the_patterns_to_the_b
 
 def test_what_a_search_has_found_is_shown_in_place_of_what_was_drawn():
     kinds = [
-        [
-            text.get_text()
-            for text in drawn(picture("mistuned", mistuned(0.5, searched=searched))).axes[2].get_legend().get_texts()
-        ]
+        entries(drawing("mistuned", mistuned(0.5, searched=searched)).axes[2].get_legend())
         for searched in (True, False)
     ]
     assert kinds == [["worst by gradient"], ["worst of those drawn"]]
@@ -56,7 +53,7 @@ def test_what_a_search_has_found_is_shown_in_place_of_what_was_drawn():
 
 def test_another_row_is_behind_in_grey():
     own, other = mistuned(0.5), mistuned(1.2)
-    levels, amplitudes, pattern = drawn(picture("mistuned", own, over=("mistuned", other))).axes
+    levels, amplitudes, pattern = drawing("mistuned", own, over=("mistuned", other)).axes
     grey = [line for line in amplitudes.lines if line.get_zorder() == BEHIND]
     assert {line.get_color() for line in grey} == {GREY}
     assert len(grey) == 3  # tuned, median pattern, worst
@@ -65,7 +62,7 @@ def test_another_row_is_behind_in_grey():
     assert amplitudes.get_ylim()[1] > largest
     # Nothing is in the legends twice.
     for panel in (levels, amplitudes, pattern):
-        words = [text.get_text() for text in panel.get_legend().get_texts()]
+        words = entries(panel.get_legend())
         assert len(words) == len({*words})
 
 

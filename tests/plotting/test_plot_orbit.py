@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 import xarray as xr
+from command_line import refused, run
 from matplotlib.colors import to_hex
+from numpy.testing import assert_allclose
 from referee import complaints
-from test_plot import drawn, texts
+from test_plot import drawing, texts
 from test_row_animation import stored
 
 import jaxshroud as js
-from jaxshroud.cli.commands import main
-from jaxshroud.plotting.pictures import picture
 from jaxshroud.plotting.style import BLUE, ORANGE
 
 MULTIPLIERS = np.array([-1.2, 0.5 + 0.3j, 0.5 - 0.3j, 0.0])
@@ -33,19 +33,19 @@ def marks(axes, color):
 
 
 def test_multipliers_outside_the_unit_circle_stand_out():
-    figure = drawn(picture("orbit", orbit()))
+    figure = drawing("orbit", orbit())
     assert not complaints(figure)
     plane, sizes = figure.axes
-    np.testing.assert_allclose(marks(plane, ORANGE), MULTIPLIERS[:1])
-    np.testing.assert_allclose(np.sort_complex(marks(plane, BLUE)), np.sort_complex(MULTIPLIERS[1:]))
+    assert_allclose(marks(plane, ORANGE), MULTIPLIERS[:1])
+    assert_allclose(np.sort_complex(marks(plane, BLUE)), np.sort_complex(MULTIPLIERS[1:]))
     assert plane.get_aspect() == 1
     (line,) = (line for line in sizes.lines if line.get_marker() == "o")
-    np.testing.assert_allclose(line.get_ydata(), np.abs(MULTIPLIERS[:3]))  # the 0 has no place on its scale
+    assert_allclose(line.get_ydata(), np.abs(MULTIPLIERS[:3]))  # the 0 has no place on its scale
 
 
 def test_a_ring_shows_the_multipliers_of_its_wave_too():
     reduced = np.array([0.9j, -0.9j])
-    figure = drawn(picture("orbit", orbit(reduced=reduced)))
+    figure = drawing("orbit", orbit(reduced=reduced))
     assert not complaints(figure)
     for value in reduced:
         assert np.abs(marks(figure.axes[0], BLUE) - value).min() < 1e-12
@@ -63,18 +63,18 @@ def exponents(values, ci):
 
 def test_exponents_are_drawn_with_their_intervals_and_forgotten_ones_marked():
     ds = exponents([0.3, -1.0, np.nan, -np.inf], [0.02, 0.1, np.nan, np.nan])
-    figure = drawn(picture("lyapunov", ds))
+    figure = drawing("lyapunov", ds)
     assert not complaints(figure)
     panel, averages = figure.axes
     points = panel.containers[0].lines[0]
-    np.testing.assert_allclose(points.get_xydata(), [[1, 0.3], [2, -1.0]])
+    assert_allclose(points.get_xydata(), [[1, 0.3], [2, -1.0]])
     (arrow,) = (line for line in panel.lines if line.get_marker() == "v")
     assert arrow.get_xdata().tolist() == [4]
     assert "forgotten" in texts(figure)
     assert [text.get_text() for text in averages.texts] == ["1", "2"]
     curves = [line for line in averages.lines if len(line.get_xdata()) == 100]
-    np.testing.assert_allclose([line.get_ydata()[-1] for line in curves], [0.3, -1.0], atol=1e-12)  # of an even number
-    np.testing.assert_allclose([line.get_ydata()[0] for line in curves], [0.8, -0.5])
+    assert_allclose([line.get_ydata()[-1] for line in curves], [0.3, -1.0], atol=1e-12)  # of an even number
+    assert_allclose([line.get_ydata()[0] for line in curves], [0.8, -0.5])
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_exponents_are_drawn_with_their_intervals_and_forgotten_ones_marked():
     ],
 )
 def test_what_has_nothing_to_show_says_so(ds, told):
-    assert told in texts(drawn(picture(ds.attrs["kind"], ds))).replace("\n", " ")
+    assert told in texts(drawing(ds.attrs["kind"], ds)).replace("\n", " ")
 
 
 def test_a_run_of_a_row_has_its_motion_and_no_other_kind(tmp_path, capsys):
@@ -95,8 +95,7 @@ def test_a_run_of_a_row_has_its_motion_and_no_other_kind(tmp_path, capsys):
     extent = {f"x_{of}": ("blade", np.full(4, 1e-3)) for of in ("peak", "free")}
     ds = ds.assign(extent).assign_coords(blade=np.arange(4))
     ds.to_netcdf(tmp_path / "run.nc", engine="h5netcdf")
-    assert main(["plot", str(tmp_path / "run.nc"), "--kind", "motion", "--out", str(place)]) == 0
+    run(f"plot {tmp_path}/run.nc --kind motion --out {place}")
     assert place.stat().st_size > 10_000
-    assert main(["plot", str(tmp_path / "run.nc"), "--kind", "forces"]) == 2
-    assert "run.nc: Argument `kind` cannot be 'forces'" in capsys.readouterr().err
+    assert "run.nc: Argument `kind` cannot be 'forces'" in refused(capsys, f"plot {tmp_path}/run.nc --kind forces")
     assert isinstance(js.Trajectory(ds).plot(kind="motion").axes, list)

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
-from test_plot import drawn
-
-from jaxshroud.plotting.pictures import picture
+from test_plot import drawing, entries
 
 OVER = {"shroud.gap": [1e-5, 4e-5], "contact.gamma": [1.0, 4.0]}
 GRID = {"first": [1e-5, 4e-5], "second": [1.0, 4.0], "objective": [[40.0, 41.0], [42.0, 43.0]]}
@@ -25,7 +23,7 @@ def last_points(panel):
 
 @pytest.mark.parametrize("grid", [None, GRID], ids=["keys", "map"])
 def test_a_tuning_is_drawn_to_the_design_and_the_objective_told(grid):
-    left, right = drawn(picture("tuned", tuning(map=grid))).axes[:2]
+    left, right = drawing("tuned", tuning(map=grid)).axes[:2]
     assert [4.0, 48.5] in last_points(right)  # two updates, then two rounds
     ends = np.log([3, 3.5]) / np.log(4)  # places between the bounds
     wanted = [pytest.approx([4.0, end]) for end in ends] if grid is None else [pytest.approx([0.03, 3.5])]
@@ -38,11 +36,11 @@ def test_a_tuning_of_one_number_is_drawn_over_its_values():
     scan = {"scanned": [[0.0], [3e-5], [1e-5]], "scanned_scores": [10.0, 30.0, 20.0], "scanned_ci": [1.0, np.nan, 2.0]}
     best = {"design": {"shroud.gap": 2.5e-5}, "best_between": {"shroud.gap": (2e-5, 3e-5)}}
     rounds = {"polished": [[2.5e-5]], "polished_scores": [42.0]}
-    (panel,) = drawn(picture("tuned", tuning(over=gap, **told, **scan, **best, **rounds))).axes
+    (panel,) = drawing("tuned", tuning(over=gap, **told, **scan, **best, **rounds)).axes
     values, *_ = panel.containers[0]
     np.testing.assert_allclose(values.get_xydata(), [[0.0, 10.0], [0.01, 20.0], [0.03, 30.0]])
     assert pytest.approx([0.025, 42.0]) in last_points(panel)
-    assert next(text.get_text() for text in panel.figure.legends[0].get_texts()) == "scan, with 95 % intervals"
+    assert entries(panel.figure.legends[0])[0] == "scan, with 95 % intervals"
 
 
 def scattered(low, high):
@@ -54,19 +52,17 @@ def scattered(low, high):
 
 
 def test_intervals_of_shares_that_leave_0_to_1_are_cut_and_marked():
-    figure = drawn(picture("scatter", scattered([-0.1, 0.8], [0.2, 1.2])))
+    figure = drawing("scatter", scattered([-0.1, 0.8], [0.2, 1.2]))
     shares = figure.axes[1]
     assert shares.get_xlim() == (0, 1)
     marks = {line.get_marker(): line.get_xydata().tolist() for line in shares.lines if line.get_marker() in "<>"}
     assert marks == {"<": [[0.0, -0.18]], ">": [[1.0, pytest.approx(0.82)]]}
-    told = [text.get_text() for text in figure.legends[0].get_texts()]
+    told = entries(figure.legends[0])
     assert {"95 % interval goes below 0", "95 % interval goes above 1"} <= set(told)
     for x in np.concatenate([one.get_segments() for one in shares.collections])[..., 0]:
         assert np.all((x >= 0) & (x <= 1))
 
 
 def test_intervals_of_shares_within_0_to_1_have_no_mark():
-    told = [
-        text.get_text() for text in drawn(picture("scatter", scattered([0.0, 0.8], [0.2, 1.0]))).legends[0].get_texts()
-    ]
-    assert not [one for one in told if "95 %" in one]
+    figure = drawing("scatter", scattered([0.0, 0.8], [0.2, 1.0]))
+    assert not [one for one in entries(figure.legends[0]) if "95 %" in one]

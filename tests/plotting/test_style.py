@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from test_plot import drawn, gamma_sweep, grid_sweep, power, sweep, texts
+from test_plot import drawing, drawn, gamma_sweep, grid_sweep, power, sweep, texts
 from test_plot_contact import run
 
 from jaxshroud.io.scene_numbers import key_attrs
@@ -86,30 +86,31 @@ def test_a_title_tells_what_was_set():
 def test_pictures_of_other_things_are_not_called_diagrams():
     ds = gamma_sweep(5)
     ds.attrs["title"] = FIG9
-    assert "bifurcation diagram" in drawn(picture("sweep", ds)).get_suptitle()
-    assert drawn(picture("sweep", ds.drop_vars("x"))).get_suptitle() == "Scene of Fig. 9"
-    assert drawn(picture("sweep", grid_sweep(3).assign_attrs(title=FIG9))).get_suptitle() == "Scene of Fig. 9"
-    assert drawn(picture("trajectory", run().assign_attrs(title=FIG9))).get_suptitle() == "Scene of Fig. 9"
-
-
-def test_a_sweep_of_another_key_has_no_false_title():
-    other = sweep({"F_0": (np.array([1.0, 2.0]), "drive.F_0", "N")}, np.full((2, 3), 0.5), [1, 2])
-    other.attrs["title"] = "Fig. 10b: F_0 = 60 N"
-    assert "60 N" not in texts(drawn(picture("sweep", other)))
-    assert "Fig. 9" in texts(drawn(picture("sweep", gamma_sweep(5))))
+    assert "bifurcation diagram" in drawing("sweep", ds).get_suptitle()
+    force = sweep({"F_0": (np.array([1.0, 2.0]), "drive.F_0", "N")}, np.full((2, 3), 0.5), [1, 2])
+    for kind, other in (
+        ("sweep", ds.drop_vars("x")),
+        ("sweep", force.assign_attrs(title=FIG9)),
+        ("sweep", grid_sweep(3).assign_attrs(title=FIG9)),
+        ("trajectory", run().assign_attrs(title=FIG9)),
+        ("power", power() | {"title": FIG9}),
+    ):
+        assert drawing(kind, other).get_suptitle() == "Scene of Fig. 9"
+    of_power = power() | {"title": "Fig. 15: P_d over n"}
+    assert drawing("power", of_power).get_suptitle() == "Fig. 15: $P_{d}$ over n"
 
 
 def test_title_label_unit_and_width_are_as_asked(tmp_path):
     appearance = dict(title="Damping by P_d", xlabel="ratio gamma", unit="um", width=90)
-    figure = drawn(picture("sweep", gamma_sweep(9), **appearance))
+    figure = drawing("sweep", gamma_sweep(9), **appearance)
     assert figure.get_suptitle() == "Damping by $P_{d}$"
     assert figure.get_figwidth() * 25.4 == pytest.approx(90)
     assert figure.axes[2].get_xlabel() == r"ratio $\gamma$"
     assert figure.axes[0].get_ylabel() == "$x_1$ [µm]"
     gap = sweep({"gap": (np.array([1e-5, 2e-5]), "shroud.gap", "m")}, np.full((2, 3), 0.52), [1, 2])
-    panel = drawn(picture("sweep", gap, **appearance)).axes[2]
+    panel = drawing("sweep", gap, **appearance).axes[2]
     np.testing.assert_allclose(panel.lines[0].get_xdata(), [10, 20])
-    assert drawn(picture("sweep", gamma_sweep(9), title="")).get_suptitle() == ""
+    assert drawing("sweep", gamma_sweep(9), title="").get_suptitle() == ""
 
 
 def test_text_stays_text_in_svg(tmp_path):
@@ -133,7 +134,7 @@ def test_a_style_of_ones_own_goes_over_the_packages(tmp_path):
 
 @pytest.mark.parametrize("kind", ["motion", "history", "forces", "loop"])
 def test_every_axis_has_ticks_at_90_mm(kind):
-    figure = drawn(picture("trajectory", run(), kind=kind, width=90))
+    figure = drawing("trajectory", run(), kind=kind, width=90)
     for panel in figure.axes:
         for axis in (panel.xaxis, panel.yaxis):
             low, high = sorted(axis.get_view_interval())
@@ -143,23 +144,23 @@ def test_every_axis_has_ticks_at_90_mm(kind):
 def test_a_periodic_lane_has_no_interval_to_name():
     ds = gamma_sweep(9)
     ds["P_d_ci"][:] = 1e-9
-    assert "95 %" not in texts(drawn(picture("sweep", ds)))
-    assert "95 %" in texts(drawn(picture("sweep", gamma_sweep(60))))
+    assert "95 %" not in texts(drawing("sweep", ds))
+    assert "95 %" in texts(drawing("sweep", gamma_sweep(60)))
     data = power() | {"P_d_ci": [0.0] * len(power()["n"])}
-    assert "95 %" not in texts(drawn(picture("power", data)))
+    assert "95 %" not in texts(drawing("power", data))
 
 
 def test_what_has_settled_is_not_magnified():
     ds = gamma_sweep(9)
     ds["x"][:] = 1e-3 * (1 + 1e-9 * np.arange(9)[:, None, None])
     ds["P_d"][:] = 50 + 1e-9 * np.arange(9)
-    samples, _, powers = drawn(picture("sweep", ds)).axes
+    samples, _, powers = drawing("sweep", ds).axes
     assert np.ptp(powers.get_ylim()) == pytest.approx(0.1)
     assert np.ptp(samples.get_ylim()) >= 0.01 * np.abs(samples.get_ylim()).max()
 
 
 def test_one_point_is_one_point():
-    figure = drawn(picture("trajectory", run(2)))
+    figure = drawing("trajectory", run(2))
     assert figure.axes[2].get_title(loc="left") == "1 Poincaré point"
 
 

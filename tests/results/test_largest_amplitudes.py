@@ -1,12 +1,10 @@
 """The line of a sweep with amplitudes: where the largest one is, of which blade, and the smallest P_d."""
 
-import json
-
 import numpy as np
 import pytest
+from command_line import read_json, run
 
 import jaxshroud as js
-from jaxshroud.cli import commands as cli
 from jaxshroud.io.scene_numbers import key_attrs
 from jaxshroud.model.modes import Status
 from jaxshroud.results.extremes import largest_amplitude, passed_sides, smallest_reduction
@@ -125,11 +123,11 @@ def test_an_amplitude_beyond_the_side_of_its_own_block_is_warned_of():
 
 
 def test_the_command_prints_the_line_and_warns(tmp_path, capsys):
-    words = ["--along", "drive.omega", "--values", "500,536", "--periods", "2", "--transient", "0", "--amplitudes"]
-    strong = ["--set", 'parts.motion=["x"]', "--set", "drive.F_0=3e4", "--steps-per-period", "100"]
-    assert cli.main(["sweep", "table1", *strong, *words, "--out", str(tmp_path)]) == 0
+    strong = "--set parts.motion=[x] --set drive.F_0=3e4"
+    short = "--periods 2 --transient 0 --steps-per-period 100 --amplitudes"
+    run(f"sweep table1 {strong} --along drive.omega --values 500,536 {short} --out {tmp_path}")
     told = capsys.readouterr()
-    largest = json.loads((tmp_path / "summary.json").read_text())["largest amplitude of x"]
+    largest = read_json(tmp_path / "summary.json")["largest amplitude of x"]
     (row,) = (line for line in told.out.splitlines() if line.startswith("largest amplitude of x"))
     assert largest["words"].startswith(row.removeprefix("largest amplitude of x").strip()[:30])
     assert "transient" in largest["words"]

@@ -1,12 +1,13 @@
 """Results keep their numbers and where they come from, through files and pictures."""
 
+import json
 import subprocess
 import sys
 
 import jax
-import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from numpy.testing import assert_array_equal, assert_equal
 
 import jaxshroud as js
 import jaxshroud.results
@@ -26,22 +27,30 @@ def results():
             SCENE, {"contact.gamma": [1.0, 2.0], "shroud.gap": [1e-5, 2e-5]}, n_periods=2, transient=1, **SHORT
         ),
         "power": js.power(SCENE, n_periods=64, transient=8, **SHORT),
+        "lanes": js.simulate(js.scenes_from({"contact.gamma": [1.0, 2.0]}, SCENE), n_periods=2, **SHORT),
     }
 
 
-@pytest.mark.parametrize("name", ["run", "curve", "grid", "power"])
-def test_what_is_saved_is_what_is_opened(name, results, tmp_path):
+@pytest.mark.parametrize("name", ["run", "curve", "grid", "power", "lanes"])
+def test_what_is_saved_is_what_is_opened(name, results, tmp_path, reopened):
     result = results[name]
-    result.save(tmp_path / "a.nc")
-    again = js.open(tmp_path / "a.nc")
+    again = reopened(result)
     assert js.open(tmp_path).data.identical(again.data)  # the folder of a command
     assert type(again) is type(result)
     assert repr(again) == repr(result)
+    assert json.dumps(again.summary(), allow_nan=False) == json.dumps(result.summary(), allow_nan=False)
     for number in result.variables:
-        np.testing.assert_equal(getattr(again, number), getattr(result, number))
+        assert_equal(getattr(again, number), getattr(result, number))
     scene = parse(again.scene, "again").scene
     assert float(scene.shroud.gap) == float(SCENE.shroud.gap)
     assert "<" in again._repr_html_()
+
+
+def test_summaries_tell_how_lanes_ended_and_from_which_scene(results):
+    run = results["run"].summary()
+    assert run["status"] == {"OK": 1}
+    assert "gamma" in run["scene"]
+    assert results["curve"].summary()["runs"] == 3
 
 
 def test_another_kind_is_told(results, tmp_path):
@@ -77,6 +86,11 @@ def test_panels_are_drawn_on_the_users_axes(name, panels, results):
         results[name].plot(ax=Figure().subplots(), panel="nonsense")
 
 
+def test_a_panel_alone_needs_no_axes(results):
+    figure = results["run"].plot(panel="phase")
+    assert [ax.get_title(loc="left") for ax in figure.axes] == ["phase portrait"]
+
+
 @pytest.mark.full
 def test_no_jax_is_needed_to_read_and_draw():
     program = """
@@ -94,15 +108,17 @@ for room in (jaxshroud.io, jaxshroud.plotting, jaxshroud.results):
 @pytest.mark.full
 def test_a_lane_of_many_is_a_result_of_its_own():
     base = js.load("table1", ['parts.motion=["x"]'])
-    scenes = js.scenes_from({"contact.gamma": [1.0, 2.0], "drive.F_0[1]": [60.0, 50.0]}, base)
+    scenes = js.scenes_from({"drive.omega": [536.0, 600.0], "drive.F_0[1]": [60.0, 50.0]}, base)
     how = {"n_periods": 2, "method": js.RungeKutta(steps=100)}
-    lane = js.simulate(scenes, **how).lane(1)
+    many = js.simulate(scenes, **how)
+    lane = many.lane(1)
     alone = js.simulate(jax.tree.map(lambda a: a[1], scenes), **how)
-    np.testing.assert_array_equal(lane.motion.x, alone.motion.x)
-    np.testing.assert_array_equal(lane.data["time"], alone.data["time"])
+    assert_array_equal(lane.motion.x, alone.motion.x)
+    assert_array_equal(lane.data["time"], alone.data["time"])
     assert (lane.status, lane.counters, lane.gap) == (alone.status, alone.counters, alone.gap)
     assert parse(lane.scene, "lane").tables == parse(alone.scene, "alone").tables
     assert parse(lane.scene, "lane").tables != base.tables  # control: the text of the first lane
     assert lane.plot().axes
     with pytest.raises(ValueError, match="1 leading axes, but 2"):
-        js.simulate(scenes, **how).lane(0, 1)
+        many.lane(0, 1)
+    assert_array_equal(js.simulate(scenes, many.last, **how).motion.x[:, 0], many.motion.x[:, -1])

@@ -24,20 +24,6 @@ def scenes(scene):
     return js.scenes_from({"contact.gamma": GAMMA, "drive.omega": [500.0, 536.0, 600.0]}, scene)
 
 
-@pytest.mark.full
-def test_simulated_scenes_are_those_simulated_one_by_one(scenes):
-    many = js.simulate(scenes, n_periods=2, dims=["point"], **SHORT)
-    assert many.data["x"].dims == ("point", "time", "blade")
-    for i in range(3):
-        one = js.simulate(jax.tree.map(lambda a, i=i: a[i], scenes), n_periods=2, **SHORT)
-        # the same kernel, whatever the number of lanes; over two periods rounding grows by less than 1e4
-        np.testing.assert_allclose(many.motion.x[i], one.motion.x, rtol=0, atol=1e-12 * np.abs(one.motion.x).max())
-        np.testing.assert_array_equal(many.t[i], one.t)
-        assert {name: n[i] for name, n in many.counters.items()} == one.counters
-    on = js.simulate(scenes, many.last, n_periods=1, **SHORT)
-    assert on.motion.x.shape == (3, 201, 2)
-
-
 def test_swept_scenes_are_a_sweep(scene):
     alike = js.scenes_from({"contact.gamma": GAMMA}, scene)
     keeps = dict(n_periods=2, transient=1, **SHORT)

@@ -13,10 +13,11 @@ import dask
 import numpy as np
 import psutil
 import pytest
+from command_line import refused, status_of
+from command_line import run as run_command
 from distributed import Client, LocalCluster
 
 import jaxshroud as js
-from jaxshroud.cli import commands as cli
 from jaxshroud.scene.checks import MachineError
 from jaxshroud.verbs import cluster, stored
 
@@ -90,17 +91,11 @@ def test_a_worker_of_other_versions_than_this_process_is_refused(scene, here, tm
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    ("lacking", "told"),
-    [
-        ("jaxshroud.batch.threads", "a worker lacks what it needs (ModuleNotFoundError: "),
-        ("jaxshroud.batch.compilation_cache", "a worker lacks what it needs (ModuleNotFoundError: "),
-    ],
-)
-def test_a_worker_says_what_it_lacks(monkeypatch, lacking, told):
+@pytest.mark.parametrize("lacking", ["jaxshroud.batch.threads", "jaxshroud.batch.compilation_cache"])
+def test_a_worker_says_what_it_lacks(monkeypatch, lacking):
     asked = cloudpickle.loads(cloudpickle.dumps(cluster._worker_function()))
     monkeypatch.setitem(sys.modules, lacking, None)
-    assert asked({}).startswith(told)
+    assert asked({}).startswith("a worker lacks what it needs (ModuleNotFoundError: ")
 
 
 @pytest.mark.full
@@ -169,9 +164,8 @@ def test_workers_that_are_lost_and_added_change_nothing(scene, tmp_path, written
 @pytest.fixture
 def words(tmp_path):
     """A small sweep as a command."""
-    asked = ["sweep", "table1", "--set", 'parts.motion=["x"]', "--along", "contact.gamma", "--start", "1"]
-    short = ["--stop", "2", "--num", "200", "--periods", "2", "--transient", "1", "--steps-per-period", "100"]
-    return [*asked, *short, "--out", str(tmp_path / "s")]
+    asked = "sweep table1 --set parts.motion=[x] --along contact.gamma --start 1 --stop 2 --num 200"
+    return f"{asked} --periods 2 --transient 1 --steps-per-period 100 --out {tmp_path}/s"
 
 
 @pytest.fixture
@@ -183,15 +177,14 @@ def impatient():
 @pytest.mark.full
 @pytest.mark.usefixtures("impatient")
 def test_a_scheduler_that_is_not_there_is_one_line_and_the_store_is_kept(words, tmp_path, capsys):
-    assert cli.main([*words, "--store", "zarr"]) == 0
+    run_command(f"{words} --store zarr")
     (tmp_path / "gone.json").write_text(json.dumps({"address": NOBODY}))
     capsys.readouterr()
-    for where in (NOBODY, str(tmp_path / "gone.json"), str(tmp_path / "none.json")):
-        assert cli.main([*words, "--resume", "--scheduler", where]) == 1
-        told = capsys.readouterr().err
+    for where in (NOBODY, tmp_path / "gone.json", tmp_path / "none.json"):
+        assert status_of(f"{words} --resume --scheduler {where}") == 1
+        (told,) = capsys.readouterr().err.splitlines()
         assert told.startswith(f"{where}: the scheduler cannot be reached (")
-        assert told.endswith("start it or give local:2\n")
-        assert told.count("\n") == 1
+        assert told.endswith("start it or give local:2")
         assert js.open(tmp_path / "s" / "sweep.zarr").complete
 
 
@@ -202,20 +195,16 @@ def test_a_scheduler_that_is_not_there_is_one_line_and_the_store_is_kept(words, 
 def test_what_is_no_scheduler_is_refused(words, tmp_path, monkeypatch, capsys, where, told):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.json").write_text("{}")
-    assert cli.main([*words, "--scheduler", where]) == 2
-    line = capsys.readouterr().err
-    assert told in line
-    assert line.count("\n") == 1
+    assert told in refused(capsys, f"{words} --scheduler {where}")
 
 
 def test_what_a_scheduler_needs_is_told(scene, words, monkeypatch, capsys):
     with pytest.raises(js.InputError, match="needs a `store`"):
         js.sweep(scene, LINE, scheduler=NOBODY, **SHORT)
-    assert cli.main([*words, "--scheduler", NOBODY, "--store", "nc"]) == 2
-    assert "leave out --store nc" in capsys.readouterr().err
+    assert "leave out --store nc" in refused(capsys, f"{words} --scheduler {NOBODY} --store nc")
     monkeypatch.setattr(cluster, "find_spec", lambda name: None)
-    assert cli.main([*words, "--scheduler", NOBODY]) == 2
-    assert capsys.readouterr().err.endswith("install it by pip install 'jaxshroud[cluster]'\n")
+    told = refused(capsys, f"{words} --scheduler {NOBODY}")
+    assert told.endswith("install it by pip install 'jaxshroud[cluster]'")
 
 
 @pytest.mark.full

@@ -4,9 +4,9 @@ import json
 
 import numpy as np
 import pytest
+from command_line import read_json, run, sets
 
 import jaxshroud as js
-from jaxshroud.cli import commands as cli
 from jaxshroud.plotting.page import Page
 from jaxshroud.plotting.plot_diagnosis import DIAGNOSIS_PANELS
 
@@ -67,9 +67,8 @@ def test_a_page_without_contact():
     assert "time history" in titles
 
 
-def test_a_diagnosis_opens_again(found, tmp_path):
-    found.save(tmp_path / "diagnosis.nc")
-    again = js.open(tmp_path / "diagnosis.nc")
+def test_a_diagnosis_opens_again(found, reopened):
+    again = reopened(found)
     assert isinstance(again, js.Diagnosis)
     assert json.dumps(again.summary()) == json.dumps(found.summary())
     assert repr(again) == f"Diagnosis: {found.evidence}"
@@ -90,10 +89,9 @@ def test_a_scene_that_stops_says_so(tmp_path):
 @pytest.mark.full
 def test_the_command_writes_page_and_numbers(tmp_path, capsys):
     out = tmp_path / "out"
-    asked = ["diagnose", "table1", *(word for key in SMALL for word in ("--set", key))]
-    assert cli.main([*asked, "--steps-per-period", "100", "--transient", "16", "--out", str(out)]) == 0
+    run(f"diagnose table1 {sets(*SMALL)} --steps-per-period 100 --transient 16 --out {out}")
     assert {p.name for p in out.iterdir()} == {f"diagnosis.{end}" for end in ("nc", "json", "png", "pdf")}
-    assert json.loads((out / "diagnosis.json").read_text())["verdict"] == "period 1"
+    assert read_json(out / "diagnosis.json")["verdict"] == "period 1"
     assert "period 1" in capsys.readouterr().out
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal, assert_equal
 
 import jaxshroud as js
 from jaxshroud.batch.sampling import MAX_UNKEPT, SampleGrid
@@ -32,18 +33,18 @@ def test_amplitudes_and_counts_do_not_depend_on_what_is_kept(way):
     q, half = np.asarray(whole.motion.x), PERIODS * STEPS // 2
     seen = q[-half:] - q[-half:].mean(axis=0)
     # Of the samples of half the run themselves, without what lies in between: cubics move both by less than 1e-3.
-    np.testing.assert_allclose(whole.x_rms, np.sqrt((seen**2).mean(axis=0)), rtol=1e-3)
-    np.testing.assert_allclose(whole.x_peak, np.abs(seen).max(axis=0), rtol=1e-3)
+    assert_allclose(whole.x_rms, np.sqrt((seen**2).mean(axis=0)), rtol=1e-3)
+    assert_allclose(whole.x_peak, np.abs(seen).max(axis=0), rtol=1e-3)
     for run in others:
         for name in TOLD:
-            np.testing.assert_allclose(getattr(run, name), getattr(whole, name), rtol=1e-12, atol=0, err_msg=name)
-        np.testing.assert_array_equal(run.motion.x, q[:: run.every])
+            assert_allclose(getattr(run, name), getattr(whole, name), rtol=1e-12, atol=0, err_msg=name)
+        assert_array_equal(run.motion.x, q[:: run.every])
         assert run.status == whole.status
         assert run.turns == pytest.approx(len(run.t[1:]) * run.every / STEPS % 1)
-        np.testing.assert_equal(run.counters, whole.counters)
-        np.testing.assert_array_equal(run.energy_residual, whole.energy_residual)
+        assert_equal(run.counters, whole.counters)
+        assert_array_equal(run.energy_residual, whole.energy_residual)
         if how.get("events"):
-            np.testing.assert_array_equal(run.events.motion.x, whole.events.motion.x)
+            assert_array_equal(run.events.motion.x, whole.events.motion.x)
     assert abs(q[half::150, 0].std() / whole.x_rms[0] - 1) > 0.1  # a control: of the samples kept alone
 
 
@@ -73,9 +74,9 @@ def test_small_vibrations_about_a_large_mean_keep_their_digits(size):
     for begin in range(1, 1001, 300):
         running.add(of(begin, min(begin + 300, 1001)))
     found = running.amplitudes
-    np.testing.assert_allclose(found.mean, 1, rtol=1e-12)
-    np.testing.assert_allclose(found.rms, size / np.sqrt(2), rtol=1e-5)
-    np.testing.assert_allclose(found.peak, size, rtol=1e-5)
+    assert_allclose(found.mean, 1, rtol=1e-12)
+    assert_allclose(found.rms, size / np.sqrt(2), rtol=1e-5)
+    assert_allclose(found.peak, size, rtol=1e-5)
     plain = np.sqrt(max(np.mean(q[:, 1:] ** 2) - np.mean(q[:, 1:]) ** 2, 0))
     assert (abs(plain * np.sqrt(2) / size - 1) > 0.1) == (size < 1)  # a control
 

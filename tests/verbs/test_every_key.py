@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from numpy.testing import assert_allclose, assert_array_equal
 
 import jaxshroud as js
 from jaxshroud.batch.tangents import direction
@@ -78,7 +79,7 @@ def assert_same(got, want):
     """The same numbers, given in the same way, bit for bit."""
     assert jax.tree.structure(got) == jax.tree.structure(want)
     for a, b in zip(jax.tree.leaves(got), jax.tree.leaves(want), strict=True):
-        np.testing.assert_array_equal(a, b)
+        assert_array_equal(a, b)
 
 
 def assert_same_numbers(got, want):
@@ -86,7 +87,7 @@ def assert_same_numbers(got, want):
     got, want = numbers_of(got), numbers_of(want)
     assert got.keys() == want.keys()
     for key, value in want.items():
-        np.testing.assert_array_equal(got[key], value, err_msg=key)
+        assert_array_equal(got[key], value, err_msg=key)
 
 
 @every_key
@@ -181,7 +182,7 @@ def test_tangents_are_those_of_overrides(key):
     got = numbers_of(direction(scene, along))
     for name, slope in got.items():
         difference = (ends[0][name] - ends[1][name]) / (2 * step)
-        np.testing.assert_allclose(slope, difference, rtol=1e-6, atol=1e-9 * np.abs(ends[0][name]).max() / step)
+        assert_allclose(slope, difference, rtol=1e-6, atol=1e-9 * np.abs(ends[0][name]).max() / step)
     # Control: a number that others are worked out from moves these too.
     moves = [name for name, slope in got.items() if np.any(slope)]
     assert (len(moves) > 1) == (key in MOVES_OTHERS)
@@ -225,7 +226,7 @@ def test_what_a_scene_does_not_have_is_told_with_the_cure():
 
 def test_numbers_that_were_replaced_by_other_means_are_no_longer_given():
     scene = eqx.tree_at(lambda s: s.blades.k_x, file_of("given").scene, jnp.array([4e4, 5e4]))
-    np.testing.assert_array_equal(js.vary(scene, "blades.m", 0.2).blades.k_x, [4e4, 5e4])
+    assert_array_equal(js.vary(scene, "blades.m", 0.2).blades.k_x, [4e4, 5e4])
     assert js.value_of(scene, "blades.k_x[0]") == 4e4
 
 
@@ -243,13 +244,12 @@ def test_flat_is_said():
     assert flat_text(np.array([np.nan, 1.0]), half[:2]) == ""
 
 
-def test_a_sweep_over_the_speed_is_the_runs_of_overrides(tmp_path):
+def test_a_sweep_over_the_speed_is_the_runs_of_overrides(reopened):
     # One march: each lane is what an override gives, stored and opened it keeps its key, and its picture is in rpm.
     small = ('parts.motion=["x"]', "parts.friction=none", "blades.zeta_x=0.2")
     file, how = load("engine_order", small), {"n_periods": 2, "transient": 1, "method": js.RungeKutta(steps=100)}
     speeds = [140.0, 150.0]
-    js.sweep(file, {"drive.speed": speeds}, **how).save(tmp_path / "sweep.nc")
-    curve = js.open(tmp_path / "sweep.nc")
+    curve = reopened(js.sweep(file, {"drive.speed": speeds}, **how))
     assert curve.data["speed"].attrs["units"] == "rad s-1"
     for i, speed in enumerate(speeds):
         alone = js.sweep(

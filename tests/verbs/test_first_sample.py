@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import jaxshroud as js
 from jaxshroud.model.modes import FLAT, Mode
@@ -30,15 +31,15 @@ def test_first_sample_is_after_the_onset(start, march):
     assert at_once >= 2
     for name in ("mode", "case", "u_s", "N", "F", "v", "u"):
         events = getattr(run.events, name)
-        np.testing.assert_array_equal(getattr(run, name)[0], events[at_once - 1], err_msg=name)
-        np.testing.assert_array_equal(getattr(run.with_events(), name)[at_once], events[at_once - 1], err_msg=name)
+        assert_array_equal(getattr(run, name)[0], events[at_once - 1], err_msg=name)
+        assert_array_equal(getattr(run.with_events(), name)[at_once], events[at_once - 1], err_msg=name)
     assert run.events.mode[0] == Mode.APART  # the side before it
     assert run.mode[0] == mode
     assert case is None or run.case[0] == case
     assert run.v[0] > 0
-    np.testing.assert_allclose(run.N[0], float(js.load("table1", settings).scene.k) * run.v[0], rtol=1e-12)
+    assert_allclose(run.N[0], float(js.load("table1", settings).scene.k) * run.v[0], rtol=1e-12)
     assert run.counters["onset_stick"] + run.counters["onset_slip"] >= 1
-    np.testing.assert_array_equal(run.motion.x[0], 0.0)  # as given
+    assert_array_equal(run.motion.x[0], 0.0)  # as given
 
 
 def test_onset_of_overlap_is_no_impact():
@@ -70,10 +71,10 @@ def test_first_sample_of_a_ring():
     scene = js.load("table1", ["shroud.gap=-0.2mm", *RING]).scene
     ring = js.simulate(scene, n_periods=1, every=20, method=RK4)
     assert np.all(ring.mode[0] == Mode.STICK)
-    np.testing.assert_allclose(ring.v[0], 0.2e-3 * np.sin(float(scene.shroud.alpha)), rtol=1e-12)
-    np.testing.assert_allclose(ring.N[0], np.asarray(scene.k) * ring.v[0], rtol=1e-12)
-    np.testing.assert_array_equal(ring.u_s[0], ring.u[0])
-    np.testing.assert_array_equal(ring.counters["onset_stick"] >= 1, True)
+    assert_allclose(ring.v[0], 0.2e-3 * np.sin(float(scene.shroud.alpha)), rtol=1e-12)
+    assert_allclose(ring.N[0], np.asarray(scene.k) * ring.v[0], rtol=1e-12)
+    assert_array_equal(ring.u_s[0], ring.u[0])
+    assert_array_equal(ring.counters["onset_stick"] >= 1, True)
 
 
 @pytest.mark.release
@@ -88,4 +89,4 @@ def test_first_sample_of_a_chain_is_that_of_the_pair(motion):
     chain = js.simulate(js.load("table1", [*settings, *more]).scene, **march)
     for name in ("mode", "case", "N", "F", "v", "u", "u_s"):
         one, other = getattr(chain, name)[0, 0], getattr(pair, name)[0]
-        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-14, err_msg=name)
+        assert_allclose(one, other, rtol=1e-12, atol=1e-14, err_msg=name)

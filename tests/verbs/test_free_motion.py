@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import jaxshroud as js
 from jaxshroud.scene.config import parse
@@ -86,12 +87,12 @@ def assert_free(found, atol=1e-16, rtol=1e-9):
     for name in ("x", "y", "theta"):
         for measure, free in (("peak", ""), ("rms", "_rms")):
             got, want = (np.asarray(getattr(found, f"{name}_{kind}")) for kind in (measure, f"free{free}"))
-            np.testing.assert_allclose(got, want, rtol, atol, err_msg=f"{name}_{measure}")
+            assert_allclose(got, want, rtol, atol, err_msg=f"{name}_{measure}")
     of = "final_" if hasattr(found, "final_P") else ""
     if not hasattr(found, f"{of}P"):
         return
-    np.testing.assert_allclose(getattr(found, f"{of}P"), getattr(found, f"{of}P_0"), rtol)
-    np.testing.assert_allclose(getattr(found, f"{of}P_d"), 0.0, atol=100 * rtol)
+    assert_allclose(getattr(found, f"{of}P"), getattr(found, f"{of}P_0"), rtol)
+    assert_allclose(getattr(found, f"{of}P_d"), 0.0, atol=100 * rtol)
 
 
 DAMPED = ["blades.c_x=180", "blades.c_y=980", "blades.c_T=0.4"]  # critically: no start is left after a period
@@ -146,7 +147,7 @@ def test_a_response_stands_against_its_own_free_peak(of):
     assert row["ratio"] == pytest.approx(1, rel=1e-9)
     assert row["shift"] == pytest.approx(0, abs=1e-6)
     dotted = found.data["x_free" if of == "x_peak" else "x_free_rms"].to_numpy()
-    np.testing.assert_allclose(dotted, found.data[of].to_numpy(), rtol=1e-9)
+    assert_allclose(dotted, found.data[of].to_numpy(), rtol=1e-9)
 
 
 @pytest.mark.full
@@ -154,7 +155,7 @@ def test_the_data_sheet_tells_the_amplitudes_of_a_run():
     file = pair((1, 2, 3))
     found, sheet = js.sweep(file, {"drive.omega": [536.0]}, **CLOSED), js.check(file)
     for name, own in sheet.coordinates.items():
-        np.testing.assert_allclose(own.amplitude, getattr(found, f"{name}_peak")[0], rtol=1e-9)
+        assert_allclose(own.amplitude, getattr(found, f"{name}_peak")[0], rtol=1e-9)
 
 
 @pytest.mark.full
@@ -195,14 +196,14 @@ def test_peak_stands_against_peak_in_a_report(pressed_nowhere):
 def test_a_tuned_amplitude_is_reduced_by_nothing(pressed_nowhere, of):
     search = js.SearchOptions(scan=2, n_starts=1, updates=1)
     tuned = js.tune(pressed_nowhere, {"friction.mu": (0.1, 0.4)}, of=of, search=search, **SETTLED)
-    np.testing.assert_allclose(tuned.scanned_scores, 0.0, atol=1e-6)
+    assert_allclose(tuned.scanned_scores, 0.0, atol=1e-6)
     assert tuned.level == pytest.approx(tuned.free, rel=1e-8)
 
 
 @pytest.mark.full
 def test_scattered_designs_that_never_touch_are_reduced_by_nothing(pressed_nowhere):
     found = js.scatter(pressed_nowhere, {"friction.mu": 0.1}, linear="apart", draws=4, n_periods=1, transient=0)
-    np.testing.assert_allclose(found.P_d, 0.0, atol=1e-7)
+    assert_allclose(found.P_d, 0.0, atol=1e-7)
 
 
 @pytest.mark.full

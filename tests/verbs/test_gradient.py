@@ -87,14 +87,6 @@ def test_a_neighbourhood_with_bifurcations_is_structured():
     assert "structured" in got.flags
 
 
-@pytest.mark.full
-def test_power_itself_can_be_differentiated():
-    scene = scene_at(2.5)
-    P, P_d = (gradient(scene, ["shroud.gap"], of=of) for of in ("P", "P_d"))
-    P_0 = P.orbit.P_0[0]  # does not depend on the gap
-    assert P_d.value["shroud.gap"] == pytest.approx(-100 * P.value["shroud.gap"] / P_0, rel=1e-9)
-
-
 def test_unlike_blades_change_together_by_the_same_amount():
     scene = load("table1", ['parts.motion=["x"]', "blades.c_x=[40, 44]"]).scene
     keys = ["blades.c_x", "blades.c_x[0]", "blades.c_x[1]"]
@@ -105,13 +97,6 @@ def test_unlike_blades_change_together_by_the_same_amount():
     assert differences(found.orbit, keys[:1], 1e-4)[keys[0]] == pytest.approx(both, rel=1e-6)
     around = scenes_around(scene, keys[:1], np.array([[42.0], [43.0]]))  # of a smoothed one
     np.testing.assert_allclose(around.blades.c_x, [[40, 44], [41, 45]])
-
-
-def test_wrong_requests_are_told():
-    with pytest.raises(KeyError, match="the scene has no number `"):
-        gradient(scene_at(2.5), ["shroud.gaps"])
-    with pytest.raises(KeyError, match="one number"):
-        gradient(scene_at(2.5), ["contact.k", "contact.gamma"])
 
 
 @pytest.mark.full

@@ -5,6 +5,7 @@ import dataclasses
 import modal_reference
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.linalg import eigh, null_space
 
 import jaxshroud as js
@@ -32,9 +33,9 @@ def test_the_sheet_is_that_of_the_lumped_blades(name):
     for mode, own in zip(sheet.modes, other.modes, strict=True):
         assert (mode.contact, mode.motion, mode.blades) == (own.contact, own.motion, own.blades)
         wanted = (mode.frequency, mode.zeta, mode.driven, *mode.energy)
-        np.testing.assert_allclose((own.frequency, own.zeta, own.driven, *own.energy), wanted, rtol=1e-9, atol=1e-9)
+        assert_allclose((own.frequency, own.zeta, own.driven, *own.energy), wanted, rtol=1e-9, atol=1e-9)
     for coordinate, own in zip(sheet.coordinates.values(), other.coordinates.values(), strict=True):
-        np.testing.assert_allclose([*vars(own).values()], [*vars(coordinate).values()], rtol=1e-9)
+        assert_allclose([*vars(own).values()], [*vars(coordinate).values()], rtol=1e-9)
     assert other.steps == sheet.steps
     causes = [[doubt.partition(";")[0] for doubt in one.doubts] for one in (sheet, other)]  # cures are of either kind
     assert causes[0] == causes[1]
@@ -71,7 +72,7 @@ def test_frequencies_in_contact_are_those_of_assembled_modes(contact):
     found = [mode.frequency for mode in js.check(scene).modes if mode.contact == contact]
     if contact == "apart":  # alike blades are told once
         wanted = np.unique(np.round(wanted, 6))
-    np.testing.assert_allclose(sorted(found), wanted, rtol=1e-7)
+    assert_allclose(sorted(found), wanted, rtol=1e-7)
     assert len(blades.moves) == 8
 
 
@@ -84,7 +85,7 @@ def test_modes_over_the_speed_grow_as_they_say():
     square = np.asarray(lines.speeds) ** 2
     apart = [f for mode, f in zip(js.check(scene).modes, lines.frequencies, strict=True) if mode.contact == "apart"]
     wanted = np.sqrt((2 * np.pi * F[:, None]) ** 2 + B[:, None] * square) / (2 * np.pi)
-    np.testing.assert_allclose(np.sort(apart, axis=0), np.sort(wanted, axis=0), rtol=1e-9)
+    assert_allclose(np.sort(apart, axis=0), np.sort(wanted, axis=0), rtol=1e-9)
 
 
 @pytest.mark.full
@@ -94,6 +95,6 @@ def test_patterns_of_mistuning_have_a_closed_form():
     frequencies = {"drive.omega": [1000.0, 1100.0]}
     plain = [dataclasses.replace(one, parts=js.Parts(motion=("x", "y"))) for one in (scene, by_modes)]
     found = [js.mistune(one, frequencies, **settings).amplitude for one in plain]
-    np.testing.assert_allclose(found[1], found[0], rtol=1e-9)
+    assert_allclose(found[1], found[0], rtol=1e-9)
     with pytest.raises(js.InputError, match="by modes whose faces are flat"):
         js.mistune(by_modes, frequencies, **settings)

@@ -191,8 +191,3 @@ def test_wrong_arguments_are_refused_before_anything_runs(arguments, message, no
 def test_valid_arguments_are_accepted(nothing_runs):
     with pytest.raises(BegunError):
         js.report(SCENE, scatters=SCATTERS, conditions={"drive.F_0": [50.0, 60.0]}, at_least=1.0, **SHORT)
-
-
-def test_a_scatter_keeps_to_the_ranges_of_its_numbers():
-    with pytest.raises(js.SceneError, match=r"friction\.mu, at its bounds, = -0\.1"):
-        js.scatter(SCENE, {"friction.mu": (-0.1, 0.1)})

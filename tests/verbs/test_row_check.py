@@ -1,12 +1,10 @@
 """Data sheets of rows of blades: natural modes by nodal diameter, what engine orders excite, and doubts."""
 
-import json
-
 import numpy as np
 import pytest
+from command_line import read_json, run, sets
 
 import jaxshroud as js
-from jaxshroud.cli import commands as cli
 from jaxshroud.scene.units import RPM
 from jaxshroud.verbs.sheet_tables import lines_of, shown_modes
 
@@ -55,7 +53,7 @@ def test_a_chain_of_two_has_the_modes_of_the_pair():
 
 
 def test_unlike_blades_and_interfaces_are_told_one_by_one(capsys):
-    assert cli.main(["check", "row_chain5", "--set", 'parts.motion=["x"]', "--set", "shroud.gap[2]=5 mm"]) == 0
+    run(f"check row_chain5 {sets('parts.motion=[x]', 'shroud.gap[2]=5 mm')}")
     out = capsys.readouterr().out
     assert all(f"bending along x, blade {i}" in out for i in range(5))
     assert "0.015 to 5 mm" in out
@@ -64,8 +62,7 @@ def test_unlike_blades_and_interfaces_are_told_one_by_one(capsys):
 
 @pytest.mark.full
 def test_the_sheet_of_a_ring_is_written_and_drawn(sheet, tmp_path, capsys):
-    words = [word for one in RING for word in ("--set", one)]
-    assert cli.main(["check", "row_ring12", *words, "--out", str(tmp_path)]) == 0
+    run(f"check row_ring12 {sets(*RING)} --out {tmp_path}")
     assert "bending along x, each blade" in capsys.readouterr().out
     stored = js.open(tmp_path / "check.nc")
     np.testing.assert_allclose(stored.frequency, [mode.frequency for mode in sheet.modes])
@@ -79,13 +76,12 @@ def test_the_sheet_of_a_ring_is_written_and_drawn(sheet, tmp_path, capsys):
 def test_the_sheet_of_many_blades_is_a_page(mistuned, tmp_path, capsys):
     # A page has some 60 lines; what is left out is counted, and in the file. What stays is what the drive excites.
     pattern = ["row.mistuning=[" + ",".join(f"{0.001 * (i % 7 - 3)}" for i in range(60)) + "]"] * mistuned
-    sets = ["row.blades=60", 'parts.motion=["x"]', *pattern]
-    words = [word for one in sets for word in ("--set", one)]
-    assert cli.main(["check", "row_ring12", *words, "--out", str(tmp_path)]) == 0
+    changes = ["row.blades=60", 'parts.motion=["x"]', *pattern]
+    run(f"check row_ring12 {sets(*changes)} --out {tmp_path}")
     out = capsys.readouterr().out
     assert 15 < len(out.splitlines()) <= 60
-    sheet = js.check(js.load("row_ring12", sets))
-    assert len(json.loads((tmp_path / "check.json").read_text())["modes"]) == len(sheet.modes) > 60
+    sheet = js.check(js.load("row_ring12", changes))
+    assert len(read_json(tmp_path / "check.json")["modes"]) == len(sheet.modes) > 60
     shown = shown_modes(sheet)
     assert f"{len(sheet.modes) - len(shown)} of {len(sheet.modes)} modes" in out
     assert "--out DIR writes all" in out

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import jaxshroud as js
 from jaxshroud.plotting.style import save_figure
@@ -21,7 +22,7 @@ def found():
 
 def test_draws_are_the_sweep_of_their_numbers(found):
     scenes = js.scenes_from({key: found.drawn[:, i] for i, key in enumerate(found.keys)}, SCENE)
-    np.testing.assert_array_equal(found.P_d, js.sweep(scenes, **SHORT).P_d)
+    assert_array_equal(found.P_d, js.sweep(scenes, **SHORT).P_d)
     assert found.probability == np.mean(found.P_d >= 30.0)
     assert found.probability_low <= found.probability <= found.probability_high
     ends = np.array(list(OVER.values()))
@@ -29,28 +30,26 @@ def test_draws_are_the_sweep_of_their_numbers(found):
 
 
 @pytest.mark.full
-def test_a_draw_has_the_least_P_d_of_its_conditions(tmp_path):
+def test_a_draw_has_the_least_P_d_of_its_conditions(reopened):
     conditions = {"drive.F_0": [30.0, 60.0]}
     # The scene's own F_0 counts for nothing but as what a scattering one is compared with.
     worst = js.scatter(js.vary(SCENE, "drive.F_0", 90.0), OVER, conditions=conditions, at_least=30.0, draws=4, **SHORT)
     alone = [js.scatter(js.vary(SCENE, "drive.F_0", F), OVER, draws=4, **SHORT) for F in conditions["drive.F_0"]]
-    np.testing.assert_array_equal(worst.P_d, np.minimum(*(one.P_d for one in alone)))
+    assert_array_equal(worst.P_d, np.minimum(*(one.P_d for one in alone)))
     assert not np.array_equal(worst.P_d, alone[1].P_d)  # control: no condition is the worst of every draw for free
     assert worst.N_max == max(one.N_max for one in alone)
     assert worst.runs == 2 * alone[0].runs
-    worst.save(tmp_path / "scatter.nc")
-    assert js.open(tmp_path / "scatter.nc").conditions == conditions
+    assert reopened(worst).conditions == conditions
     spread = {"drive.F_0": (81.0, 99.0)}  # 10 % about 90
     moved = js.scatter(js.vary(SCENE, "drive.F_0", 90.0), spread, conditions={"drive.F_0": [30.0]}, draws=4, **SHORT)
     about = js.scatter(SCENE, {"drive.F_0": (27.0, 33.0)}, draws=4, **SHORT)
-    np.testing.assert_allclose(moved.P_d, about.P_d, rtol=1e-9)  # rounding of F_0 over a few periods
+    assert_allclose(moved.P_d, about.P_d, rtol=1e-9)  # rounding of F_0 over a few periods
 
 
-def test_a_scatter_is_stored_and_drawn(found, tmp_path):
-    found.save(tmp_path / "scatter.nc")
-    again = js.open(tmp_path / "scatter.nc")
+def test_a_scatter_is_stored_and_drawn(found, reopened):
+    again = reopened(found)
     assert isinstance(again, js.Scatter)
-    np.testing.assert_array_equal(again.total, found.total)
+    assert_array_equal(again.total, found.total)
     assert again.probability == found.probability
     assert repr(again) == repr(found)
     assert len(again.plot().axes) == 2
@@ -80,7 +79,12 @@ def test_a_draw_that_stops_counts_as_missed(tmp_path):
 
 @pytest.mark.parametrize(
     ("over", "told"),
-    [({}, "at least one"), ({"shroud.gap": (2.0, 1.0)}, "in order"), ({"shroud.gab": (1.0, 2.0)}, "gap")],
+    [
+        ({}, "at least one"),
+        ({"shroud.gap": (2.0, 1.0)}, "in order"),
+        ({"shroud.gab": (1.0, 2.0)}, "gap"),
+        ({"friction.mu": (-0.1, 0.1)}, r"friction\.mu, at its bounds, = -0\.1"),
+    ],
 )
 def test_wrong_bounds_are_named(over, told):
     with pytest.raises(js.Error, match=told):
@@ -139,12 +143,12 @@ def test_relative_effects_are_those_of_differences(name, more):
 
 
 @pytest.mark.full
-def test_effects_are_stored_and_drawn(tmp_path):
+def test_effects_are_stored_and_drawn(reopened):
     short = {"method": js.RungeKutta(steps=100), "most_periods": 64}
     found = js.gradient(SCENE, ["shroud.gap", "contact.gamma"], **short)
-    found.save(tmp_path / "g.nc")
-    again = js.open(tmp_path / "g.nc")
+    again = reopened(found)
     assert again.effects == found.effects
+    assert repr(again) == repr(found)
     assert len(again.plot().axes) == 1
     assert again.plot(title="Mine").get_suptitle() == "Mine"
     with pytest.raises(js.InputError, match="pick a lane"):

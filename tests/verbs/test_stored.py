@@ -1,7 +1,6 @@
 """Sweeps in stores: ended at any moment, damaged or used twice, they end with the numbers of one that nothing ended."""
 
 import fcntl
-import json
 import os
 import shutil
 import signal
@@ -13,10 +12,12 @@ import numpy as np
 import pytest
 import xarray as xr
 import zarr
+from command_line import read_json, refused, status_of
+from command_line import run as run_command
+from numpy.testing import assert_allclose, assert_array_equal
 
 import jaxshroud as js
 from jaxshroud.batch import runs as continuation
-from jaxshroud.cli import commands as cli
 from jaxshroud.cli import projection
 from jaxshroud.cli import sweep as sweep_verb
 from jaxshroud.io import unfinished_store
@@ -61,40 +62,48 @@ def run(scene, way, path, **more):
     return js.sweep(scene, WAYS[way], direction=way, store=path, **SHORT, **more)
 
 
-def kept(whole):
-    """Where the store of independent lanes is."""
-    return Path(whole("independent").data.encoding["source"])
+def kept(whole, way="independent"):
+    """Where the store of a sweep is."""
+    return Path(whole(way).data.encoding["source"])
+
+
+@pytest.fixture
+def path(whole, tmp_path):
+    """A copy of the store of independent lanes."""
+    return shutil.copytree(kept(whole), tmp_path / "a.zarr")
+
+
+@pytest.fixture
+def goes_on(scene, whole):
+    """A store that is gone on with ends with the bits of one that nothing ended."""
+    return lambda path, way="independent": same(run(scene, way, path, resume=True), whole(way))
 
 
 def same(found, exact):
     """Bit by bit, coordinates and all that is said of them too."""
     assert found.data.identical(exact.data)
     for name, variable in exact.data.variables.items():
-        np.testing.assert_array_equal(found.data[name].to_numpy().view(np.uint8), variable.to_numpy().view(np.uint8))
+        assert_array_equal(found.data[name].to_numpy().view(np.uint8), variable.to_numpy().view(np.uint8))
 
 
 @pytest.mark.release(only=["forward"])
-@pytest.mark.full
 @pytest.mark.parametrize("way", WAYS)
 def test_a_store_has_the_numbers_of_a_sweep_in_memory(scene, whole, way):
     exact = js.sweep(scene, WAYS[way], direction=way, **SHORT).data.drop_vars("jump", errors="ignore")
     found = whole(way).data  # which does not run lanes between values: it has the steep steps alone
-    assert dict(found.sizes) == dict(exact.sizes)
     assert set(found.variables) == set(exact.variables)
     assert found.attrs == exact.attrs
     for name, variable in exact.variables.items():
-        assert (found[name].dims, found[name].dtype, found[name].attrs) == (
-            variable.dims,
-            variable.dtype,
-            variable.attrs,
-        )
-        np.testing.assert_array_equal(found[name], variable)  # chunks are the same programs in blocks of any size
+        assert found[name].dtype == variable.dtype
+        xr.testing.assert_identical(
+            found[name].variable, variable
+        )  # chunks are the same programs in blocks of any size
 
 
 @pytest.mark.full(but=["both"])
 @pytest.mark.parametrize("way", WAYS)
-def test_a_run_killed_anywhere_goes_on_to_the_same_bits(scene, whole, way, tmp_path, monkeypatch, written):
-    exact = whole(way)
+def test_a_run_killed_anywhere_goes_on_to_the_same_bits(scene, whole, way, tmp_path, monkeypatch, written, goes_on):
+    whole(way)  # before what is counted
     written.clear()
     left, setitem, savez, run_lanes = [0], zarr.Array.__setitem__, np.savez, continuation.run_lanes
     computed: list[int] = []  # values that follow each other, one after the other
@@ -124,16 +133,16 @@ def test_a_run_killed_anywhere_goes_on_to_the_same_bits(scene, whole, way, tmp_p
         with pytest.raises(Killed):
             run(scene, way, tmp_path / "a.zarr", resume=True)
     left[0] = -1
-    same(run(scene, way, tmp_path / "a.zarr", resume=True), exact)
+    goes_on(tmp_path / "a.zarr", way)
     again = len(written) - len(set(written))
     assert again <= len(kills)  # those under way
     assert len(computed) <= VALUES.get(way, 0) + len(kills)  # from the last that was finished
     before = len(written)
-    same(run(scene, way, tmp_path / "a.zarr", resume=True), exact)
+    goes_on(tmp_path / "a.zarr", way)
     assert len(written) == before
 
 
-def test_an_interrupted_store_tells_what_ended_and_goes_on(scene, whole, tmp_path, written):
+def test_an_interrupted_store_tells_what_ended_and_goes_on(scene, tmp_path, written, goes_on):
     before, sent = signal.signal(signal.SIGINT, signal.default_int_handler), []
 
     def stop(done, total):
@@ -147,8 +156,8 @@ def test_an_interrupted_store_tells_what_ended_and_goes_on(scene, whole, tmp_pat
         signal.signal(signal.SIGINT, before)
     status = stopped.value.done.status
     assert set(status) == {js.Status.OK, js.Status.NOT_RUN}
-    np.testing.assert_array_equal(np.isfinite(stopped.value.done.P_d), status == js.Status.OK)
-    same(run(scene, "independent", tmp_path / "a.zarr", resume=True), whole("independent"))
+    assert_array_equal(np.isfinite(stopped.value.done.P_d), status == js.Status.OK)
+    goes_on(tmp_path / "a.zarr")
 
 
 def test_an_interrupted_sweep_in_all_directions_keeps_those_that_had_ended(scene, whole):
@@ -163,7 +172,7 @@ def test_an_interrupted_sweep_in_all_directions_keeps_those_that_had_ended(scene
     assert found.steep is None  # unknown until all have run
     ran = found.status == js.Status.OK
     assert ran.sum(axis=1).tolist() == [7, 1, 0]
-    np.testing.assert_array_equal(found.P_d[ran], whole("both").P_d[ran])
+    assert_array_equal(found.P_d[ran], whole("both").P_d[ran])
     assert np.isnan(found.P_d[~ran]).all()
 
 
@@ -198,13 +207,13 @@ DAMAGES = {
     "a lost array": ("P_d", shutil.rmtree, [(0,), (64,), (128,), (192,)]),
     "a lost description of the whole": ("zarr.json", Path.unlink, [(0,)]),
     "a lost coordinate": ("gamma", shutil.rmtree, [(0,)]),
+    "a damaged coordinate": ("gamma/c/0", flip, [(0,)]),
 }
 
 
 @pytest.mark.full(but=["a damaged record"])
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_damage_is_refused_and_computed_again(scene, whole, tmp_path, written, capsys, damage):
-    path = shutil.copytree(kept(whole), tmp_path / "a.zarr")
+def test_damage_is_refused_and_computed_again(whole, tmp_path, written, capsys, damage, path, goes_on):
     written.clear()
     place, done, again = DAMAGES[damage]
     done(path / place)
@@ -212,11 +221,9 @@ def test_damage_is_refused_and_computed_again(scene, whole, tmp_path, written, c
         js.StoreError, match=r"a.zarr: (damaged .*; --resume of the same sweep computes it anew|no such .*)$"
     ):
         js.open(path)
-    for words in (["plot", str(path)], ["convert", str(path), "--out", str(tmp_path / "a.csv")]):
-        assert cli.main(words) == 2
-        told = capsys.readouterr()
-        assert (told.out, told.err.count("\n")) == ("", 1)
-    same(run(scene, "independent", path, resume=True), whole("independent"))
+    for words in (f"plot {path}", f"convert {path} --out {tmp_path}/a.csv"):
+        refused(capsys, words)
+    goes_on(path)
     assert written == again
     same(js.open(path), whole("independent"))
     assert files(path) == files(kept(whole))
@@ -227,24 +234,24 @@ def files(path):
     return {part.relative_to(path): part.read_bytes() for part in path.rglob("*") if part.is_file()}
 
 
-def test_what_is_told_of_all_directions_is_not_lost_in_silence(scene, whole, tmp_path):
-    exact = Path(whole("both").data.encoding["source"])
+def test_what_is_told_of_all_directions_is_not_lost_in_silence(whole, tmp_path, goes_on):
+    exact = kept(whole, "both")
     path = shutil.copytree(exact, tmp_path / "a.zarr")
     shutil.rmtree(path / "steep")
     with pytest.raises(js.StoreError, match=r"damaged \(a description"):
         js.open(path)
-    same(run(scene, "both", path, resume=True), whole("both"))
+    goes_on(path, "both")
     assert files(path) == files(exact)
 
 
 @pytest.mark.parametrize("damage", [np.savez, flip, lambda path: shutil.copy(path, path.with_name("4-0.npz"))])
-def test_what_is_not_the_beginning_of_a_block_is_not_taken(scene, whole, tmp_path, damage):
+def test_what_is_not_the_beginning_of_a_block_is_not_taken(scene, tmp_path, damage, goes_on):
     path = tmp_path / "a.zarr"
     with pytest.raises(js.Interrupted) as stopped:
         run(scene, "forward", path, progress=interrupt_at(0.4))
     assert 0 < (stopped.value.done.status == js.Status.OK).sum() < 20
     damage(path / "resume" / "0-0.npz")
-    same(run(scene, "forward", path, resume=True), whole("forward"))
+    goes_on(path, "forward")
 
 
 def interrupt_at(share):
@@ -264,18 +271,10 @@ def test_a_store_that_grows_tells_of_what_is_finished(scene, whole, tmp_path):
     part = js.open(path)
     assert set(part.status) == {js.Status.OK, js.Status.NOT_RUN}
     for name in ("gamma", "gap"):  # of all lanes from the beginning
-        np.testing.assert_array_equal(part.data[name], whole("independent").data[name])
+        assert_array_equal(part.data[name], whole("independent").data[name])
     (path / "P_d" / "c" / "0").unlink()
     with pytest.raises(js.StoreError, match=r"resume/0\.npz or this record is missing or has another checksum"):
         js.open(path)
-
-
-def test_a_damaged_coordinate_is_written_again(scene, whole, tmp_path):
-    path = shutil.copytree(kept(whole), tmp_path / "a.zarr")
-    flip(path / "gamma" / "c" / "0")
-    with pytest.raises(js.StoreError, match=r"a.zarr: damaged .*checksum.*--resume"):
-        js.open(path)
-    same(run(scene, "independent", path, resume=True), whole("independent"))
 
 
 def test_a_store_of_something_else_is_refused_with_the_difference(scene, tmp_path, whole):
@@ -300,56 +299,35 @@ def test_a_store_of_something_else_is_refused_with_the_difference(scene, tmp_pat
         run(scene, "independent", tmp_path / "b.zarr", resume=True)
 
 
-def test_a_second_writer_is_refused_while_the_first_lives(scene, whole, tmp_path):
+def test_a_second_writer_is_refused_while_the_first_lives(scene, tmp_path, goes_on):
     path = tmp_path / "a.zarr"
     (path / "resume").mkdir(parents=True)
     with (path / "resume" / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         with pytest.raises(js.StoreError, match="another process is writing"):
             run(scene, "independent", path, resume=True)
-    same(run(scene, "independent", path, resume=True), whole("independent"))  # closed as by the end of a process
+    goes_on(path)  # closed as by the end of a process
 
 
 @pytest.fixture
 def words(tmp_path):
     """A small sweep as a command."""
-    asked = [
-        "sweep",
-        "table1",
-        "--set",
-        'parts.motion=["x"]',
-        "--along",
-        "contact.gamma",
-        "--start",
-        "1",
-        "--stop",
-        "2",
-    ]
-    short = ["--num", "200", "--periods", "2", "--transient", "1", "--steps-per-period", "100"]
-    return [*asked, *short, "--store", "zarr", "--out", str(tmp_path / "s")]
+    asked = "sweep table1 --set parts.motion=[x] --along contact.gamma --start 1 --stop 2 --num 200"
+    return f"{asked} --periods 2 --transient 1 --steps-per-period 100 --store zarr --out {tmp_path}/s"
 
 
 def test_the_command_stores_resumes_and_draws(words, tmp_path, capsys):
-    assert cli.main(words) == 0
+    run_command(words)
     out = tmp_path / "s"
     assert {path.name for path in out.iterdir()} == {"sweep.zarr", "sweep.png", "summary.json"}
     assert js.open(out / "sweep.zarr").complete
-    assert "contact.gamma" not in json.loads((out / "summary.json").read_text())
-    capsys.readouterr()
-    assert cli.main(words) == 2
-    assert "--resume to go on with it, or --force" in capsys.readouterr().err
+    assert "contact.gamma" not in read_json(out / "summary.json")
+    assert "--resume to go on with it, or --force" in refused(capsys, words)
     flip(out / "sweep.zarr" / "P_d" / "c" / "0")
-    assert cli.main(["plot", str(out / "sweep.zarr")]) == 2
-    told = capsys.readouterr().err
-    assert "--resume of the same sweep" in told
-    assert told.count("\n") == 1
-    assert cli.main([*words, "--resume"]) == 0
-    assert cli.main(["convert", str(out / "sweep.zarr"), "--out", str(tmp_path / "a.csv")]) == 0
-    capsys.readouterr()
-    assert cli.main([*words, "--resume", "--set", "shroud.gap=0.1mm"]) == 2
-    told = capsys.readouterr().err
-    assert "shroud.gap was 2.2e-05, is 0.0001" in told
-    assert told.count("\n") == 1
+    assert "--resume of the same sweep" in refused(capsys, f"plot {out}/sweep.zarr")
+    run_command(f"{words} --resume")
+    run_command(f"convert {out}/sweep.zarr --out {tmp_path}/a.csv")
+    assert "shroud.gap was 2.2e-05, is 0.0001" in refused(capsys, f"{words} --resume --set shroud.gap=0.1mm")
 
 
 @pytest.mark.parametrize(
@@ -368,35 +346,36 @@ def test_what_cannot_be_written_is_one_line_and_can_be_gone_on_with(
         setitem(*given)
 
     monkeypatch.setattr(zarr.Array, "__setitem__", refuse)
-    assert cli.main(words) == status
-    told = capsys.readouterr().err
-    assert told.count("\n") == 1
+    assert status_of(words) == status
+    (told,) = capsys.readouterr().err.splitlines()
     assert "sweep.zarr: cannot be written" in told
     assert cure in told
     found = js.open(tmp_path / "s" / "sweep.zarr")  # still readable
     assert not found.complete
     assert (found.status == js.Status.OK).sum() >= 64
     monkeypatch.undo()
-    assert cli.main([*words, "--resume"]) == 0
+    run_command(f"{words} --resume")
     assert js.open(tmp_path / "s" / "sweep.zarr").complete
 
 
 def test_an_accuracy_is_kept_and_what_misses_it_is_marked(words, tmp_path):
-    words = [*words[: words.index("--steps-per-period")], "--accuracy", "fast", *words[words.index("--store") :]]
-    assert cli.main(words) == 0
+    run_command(words.replace("--steps-per-period 100", "--accuracy fast"))
     found = js.open(tmp_path / "s" / "sweep.zarr")
     assert found.accuracy.startswith("accuracy 1e-03")
     assert found.inaccurate.shape == found.P_d.shape
-    summary = json.loads((tmp_path / "s" / "summary.json").read_text())
+    summary = read_json(tmp_path / "s" / "summary.json")
     assert summary["inaccurate"]["runs"] == found.inaccurate.sum()
+    assert found.accuracy == f"accuracy {summary['accuracy']}"
 
 
 def test_an_interrupted_command_says_how_to_go_on(words, tmp_path, capsys, monkeypatch, whole):
-    def stop(*_, **__):
-        raise js.Interrupted(whole("independent"))
+    done = whole("independent")
 
-    monkeypatch.setattr(sweep_verb, "sweep", stop)
-    assert cli.main(words) == 130
+    def stop(*_, **__):
+        raise js.Interrupted(done)
+
+    monkeypatch.setattr(js, "sweep", stop)
+    assert status_of(words) == 130
     store = tmp_path / "s" / "sweep.zarr"
     known = f"interrupted; {store} with the 200 of 200 lanes that had ended was written"
     assert capsys.readouterr().err == f"{known}; the same command with --resume goes on\n"
@@ -405,21 +384,20 @@ def test_an_interrupted_command_says_how_to_go_on(words, tmp_path, capsys, monke
 @pytest.mark.parametrize(
     ("more", "told"),
     [
-        (["--resume", "--store", "nc"], "leave out --store nc"),
-        (["--resume", "--scheduler", "nowhere"], "must be an address such as"),
+        ("--store nc", "leave out --store nc"),
+        ("--scheduler nowhere", "must be an address such as"),
     ],
 )
 def test_what_a_store_cannot_do_is_refused(words, capsys, more, told):
-    assert cli.main([*words, *more]) == 2
-    assert told in capsys.readouterr().err
+    assert told in refused(capsys, f"{words} --resume {more}")
 
 
 def test_only_large_results_are_stores_by_default(words, monkeypatch, tmp_path):
-    words = [word for word in words if word not in ("--store", "zarr")]
-    assert cli.main(words) == 0
+    words = words.replace("--store zarr", "")
+    run_command(words)
     assert (tmp_path / "s" / "sweep.nc").exists()
     monkeypatch.setattr(sweep_verb, "MOST_IN_FILE", 1)
-    assert cli.main([*words, "--force"]) == 0
+    run_command(f"{words} --force")
     assert (tmp_path / "s" / "sweep.zarr").exists()
 
 
@@ -429,58 +407,55 @@ def test_scenes_and_numbers_without_samples_are_stored_too(scene, tmp_path):
     exact = js.sweep(scenes, {"contact.gamma": GAMMA[:50]}, **keeps)
     found = js.sweep(scenes, {"contact.gamma": GAMMA[:50]}, store=tmp_path / "a.zarr", **keeps)
     assert set(found.data.variables) == set(exact.data.variables)
-    np.testing.assert_allclose(found.P_d, exact.P_d, rtol=1e-9)
-    np.testing.assert_array_equal(found.data["gap"], exact.data["gap"])
+    assert_allclose(found.P_d, exact.P_d, rtol=1e-9)
+    assert_array_equal(found.data["gap"], exact.data["gap"])
 
 
-@pytest.mark.parametrize(("long", "told"), [(0, True), (1e9, False)])
-def test_a_long_run_says_first_what_it_will_take(words, capsys, monkeypatch, long, told):
-    monkeypatch.setattr(projection, "LONG_RUN_STEPS", long)
-    assert cli.main(words) == 0
-    line = [line for line in capsys.readouterr().err.splitlines() if line.startswith("200 runs: about ")]
-    assert bool(line) == told
+@pytest.mark.parametrize(
+    ("long", "more", "told"),
+    [
+        (0, "", "200 runs: about "),
+        (1e9, "", None),
+        (0, "--num 20 --direction forward", "20 runs: about "),
+        (0, "--num 20 --direction both", "60 runs: about "),
+    ],
+)
+def test_a_long_run_says_first_what_it_will_take(words, capsys, monkeypatch, long, more, told):
+    announced = partial(projection.print_projection_of_long_run, long=long)
+    monkeypatch.setattr(sweep_verb, "print_projection_of_long_run", announced)
+    run_command(f"{words} {more}")
+    lines = [line for line in capsys.readouterr().err.splitlines() if " runs: about " in line]
+    assert bool(lines) == bool(told)
     if told:
-        assert "MiB of memory" in line[0]
-        assert line[0].endswith("sweep.zarr")
+        assert lines[0].startswith(told)
+        assert "MiB of memory" in lines[0]
+        assert lines[0].endswith("sweep.zarr")
 
 
-@pytest.mark.parametrize("direction", ["forward", "both"])
-def test_a_long_run_in_a_direction_says_so_too(words, capsys, monkeypatch, direction):
-    monkeypatch.setattr(projection, "LONG_RUN_STEPS", 0)
-    lanes = 20 * (3 if direction == "both" else 1)
-    assert cli.main([*words, "--num", "20", "--direction", direction]) == 0
-    assert any(line.startswith(f"{lanes} runs: about ") for line in capsys.readouterr().err.splitlines())
+FOREIGN = {
+    "zarr v2": {".zgroup": '{"zarr_format": 2}', "data/0": "numbers"},
+    "a folder": {"mydata/thesis.txt": "years of work"},
+}
 
 
-def foreign(path, kind):
-    """A folder that no sweep has written, and what is in it."""
-    path.mkdir()
-    if kind == "zarr v2":
-        (path / ".zgroup").write_text('{"zarr_format": 2}')
-        (path / "data").mkdir()
-        (path / "data" / "0").write_bytes(b"numbers")
-    else:
-        (path / "mydata").mkdir()
-        (path / "mydata" / "thesis.txt").write_text("years of work")
-    return {part.relative_to(path): part.is_file() and part.read_bytes() for part in path.rglob("*")}
-
-
-@pytest.mark.parametrize("kind", ["zarr v2", "a folder"])
+@pytest.mark.parametrize("kind", FOREIGN)
 def test_what_no_sweep_has_written_stays(scene, tmp_path, kind):
     path = tmp_path / "c3.zarr"
-    before = foreign(path, kind)
+    for name, text in FOREIGN[kind].items():
+        (path / name).parent.mkdir(parents=True, exist_ok=True)
+        (path / name).write_text(text)
+    before = files(path)
     for take in (lambda: run(scene, "independent", path, resume=True), lambda: unfinished_store.remove_store(path)):
         with pytest.raises(js.StoreError, match="stays as it is"):
             take()
-        assert {part.relative_to(path): part.is_file() and part.read_bytes() for part in path.rglob("*")} == before
+        assert files(path) == before
 
 
-def test_what_lies_beside_the_arrays_of_a_store_stays(whole, scene, tmp_path):
-    path = shutil.copytree(kept(whole), tmp_path / "beside.zarr")
+def test_what_lies_beside_the_arrays_of_a_store_stays(scene, path, goes_on):
     (path / "mydata").mkdir()
     (path / "mydata" / "thesis.txt").write_text("years of work")
     (path / "zarr.json").unlink()  # as if killed before it was a store
-    same(run(scene, "independent", path, resume=True), whole("independent"))
+    goes_on(path)
     (path / "resume" / "zarr.json").unlink()
     with pytest.raises(js.StoreError, match="stays as it is"):
         run(scene, "independent", path, resume=True)
@@ -489,10 +464,8 @@ def test_what_lies_beside_the_arrays_of_a_store_stays(whole, scene, tmp_path):
 
 
 @pytest.mark.parametrize("more", ["ledger", "forces"])
-def test_what_is_kept_belongs_to_a_store(whole, scene, tmp_path, more):
+def test_what_is_kept_belongs_to_a_store(scene, more, path):
     # Without them a store would go on with NaN for the blocks that are there.
-    path = tmp_path / "more.zarr"
-    shutil.copytree(kept(whole), path)
     with pytest.raises(js.StoreError, match=f"{more} was False, is True"):
         run(scene, "independent", path, resume=True, **{more: True})
 
@@ -507,8 +480,7 @@ def zarrs_left_of(path):
     return path.with_suffix(f".{uuid.uuid4().hex}.partial")
 
 
-def test_what_kills_have_left_is_removed_and_nothing_else(whole, scene, tmp_path):
-    path = shutil.copytree(kept(whole), tmp_path / "a.zarr")
+def test_what_kills_have_left_is_removed_and_nothing_else(whole, path, goes_on):
     ours = [left_of(path / name) for name in ("zarr.json", "resume/0.npz", "resume/zarr.json")]
     ours += [zarrs_left_of(path / name) for name in ("P_d/zarr.json", "P_d/c/1", "x/c/1/0/0")]
     others = [left_of(path / name) for name in ("notes", "P_d/notes", "P_d/0", "resume/0.nc")]
@@ -518,13 +490,12 @@ def test_what_kills_have_left_is_removed_and_nothing_else(whole, scene, tmp_path
     for other in others:
         other.write_text("years of work")
     same(js.open(path), whole("independent"))  # warnings are errors here
-    same(run(scene, "independent", path, resume=True), whole("independent"))
+    goes_on(path)
     assert not any(part.exists() for part in ours)
     assert {other.read_text() for other in others} == {"years of work"}
 
 
-def test_no_foreign_file_within_a_store_is_removed_with_it(whole, tmp_path):
-    path = shutil.copytree(kept(whole), tmp_path / "a.zarr")
+def test_no_foreign_file_within_a_store_is_removed_with_it(path):
     for name in ("notes.txt", "P_d/notes.txt", "P_d/c/notes.txt", "resume/notes.txt"):
         (path / name).write_text("years of work")
         with pytest.raises(js.StoreError, match=f"holds '{name}', which is not of a store"):
@@ -535,19 +506,17 @@ def test_no_foreign_file_within_a_store_is_removed_with_it(whole, tmp_path):
     assert not path.exists()
 
 
-def test_a_kill_while_an_array_is_described_can_be_gone_on_with(whole, scene, tmp_path):
-    path = shutil.copytree(kept(whole), tmp_path / "a.zarr")
+def test_a_kill_while_an_array_is_described_can_be_gone_on_with(whole, path, goes_on):
     shutil.rmtree(path / "P_d")
     (path / "zarr.json").unlink()  # before it was a store
     (path / "P_d").mkdir()
     for left in (left_of(path / "zarr.json"), zarrs_left_of(path / "P_d" / "zarr.json")):
         left.write_text("half")
-    same(run(scene, "independent", path, resume=True), whole("independent"))
+    goes_on(path)
     assert files(path) == files(kept(whole))
 
 
-def test_a_store_removed_by_another_process_is_not_written_to(whole, tmp_path, monkeypatch):
-    path = shutil.copytree(kept(whole), tmp_path / "a.zarr")
+def test_a_store_removed_by_another_process_is_not_written_to(monkeypatch, path):
 
     def late(*_):  # between the opening of the lock and its being had
         shutil.rmtree(path)

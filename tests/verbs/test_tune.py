@@ -4,10 +4,10 @@ import importlib
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import jaxshroud as js
 from jaxshroud import load, power, tune, vary
-from jaxshroud import open as open_result
 from jaxshroud.batch.lanes import initial_states
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
@@ -61,7 +61,7 @@ def test_paths_never_lose(tuned):
     closer = np.concatenate([[tuned.scores[-1].max()], tuned.polished_scores])  # what follows the best path
     assert np.all(np.diff(closer) >= 0)
     assert closer[-1] == tuned.objective
-    np.testing.assert_array_equal(tuned.polished[-1], tuned.best)
+    assert_array_equal(tuned.polished[-1], tuned.best)
     for (low, high), value in zip(OVER.values(), tuned.design.values(), strict=True):
         assert low <= value <= high
     assert tuned.periods <= 2 * (16 + 2 * 6 * 7 + 7 * 8 * 2) * 48
@@ -85,7 +85,7 @@ def test_exact_slopes_are_those_of_the_objective(scene):
     for i in range(2):
         h = 1e-4 * np.eye(2)[i]
         up, down = (judge_designs(problem, problem.values(u + s * h), quiet).P_d for s in (1, -1))
-        np.testing.assert_allclose(slope[..., i], (up - down) / 2e-4, rtol=1e-4, atol=1e-3)
+        assert_allclose(slope[..., i], (up - down) / 2e-4, rtol=1e-4, atol=1e-3)
 
 
 def test_chaos_is_noticed():
@@ -111,7 +111,7 @@ def test_the_worst_condition_counts(scene):
     design = np.array([[5e-5, 1.0]])
     a, b = judge_designs(worst, design, quiet), judge_designs(mean, design, quiet)
     assert a.P_d.shape == (1, 6)
-    np.testing.assert_array_equal(a.P_d, b.P_d)
+    assert_array_equal(a.P_d, b.P_d)
     assert a.objective[0] == a.P_d.min() < b.objective[0]
 
 
@@ -126,10 +126,10 @@ def test_scaled_variables():
     problem = problem_of(load("table1").scene, {})._replace(
         over={"shroud.gap": (1e-6, 1e-4), "friction.mu": (0.0, 1.0)}
     )
-    np.testing.assert_allclose(problem.values(np.array([[0.5, 0.5]])), [[1e-5, 0.5]])
+    assert_allclose(problem.values(np.array([[0.5, 0.5]])), [[1e-5, 0.5]])
     u, h = np.array([[0.3, 0.7]]), 1e-6
     slope = (problem.values(u + h) - problem.values(u - h)) / (2 * h)
-    np.testing.assert_allclose(problem.rates(u), slope, rtol=1e-8)
+    assert_allclose(problem.rates(u), slope, rtol=1e-8)
 
 
 def test_three_numbers_need_no_power_of_two(scene):
@@ -138,15 +138,19 @@ def test_three_numbers_need_no_power_of_two(scene):
     assert tune(scene, over, **small).scanned.shape == (6, 3)
 
 
-def test_wrong_requests_are_told(scene):
-    with pytest.raises(ValueError, match="in order"):
-        tune(scene, {"shroud.gap": (2e-4, 1e-4)})
-    with pytest.raises(ValueError, match="at least one"):
-        tune(scene, {})
-    with pytest.raises(ValueError, match="both tuned and an operating condition"):
-        tune(scene, OVER, conditions={"shroud.gap": [1e-4]})
-    with pytest.raises(KeyError, match="the scene has no number `"):
-        tune(scene, {"shroud.gaps": (1.0, 2.0)})
+@pytest.mark.parametrize(
+    ("over", "more", "told"),
+    [
+        ({}, {}, "at least one"),
+        ({"shroud.gap": (1e-6, np.inf)}, {}, "finite and in order"),
+        (OVER, {"conditions": {"shroud.gap": [1e-4]}}, "both tuned and an operating condition"),
+        *((OVER, {"most_force": wrong}, "`most_force` must be positive") for wrong in (0.0, -1.0, np.nan)),
+        *((OVER, {"most_penetration": wrong}, "`most_penetration` must be positive") for wrong in (0.0, -1.0, np.nan)),
+    ],
+)
+def test_wrong_requests_are_told(scene, over, more, told):
+    with pytest.raises(ValueError, match=told):
+        tune(scene, over, **more)
 
 
 TINY_SEARCH = js.SearchOptions(scan=8, n_starts=1, updates=1)
@@ -186,16 +190,6 @@ def test_no_check_is_coarser_than_the_search(scene, name, monkeypatch):
     assert all(plan.steps_per_period >= search.steps_per_period for plan in plans)
 
 
-def test_wrong_limits_are_told(scene):
-    for wrong in (0.0, -1.0, float("nan")):
-        with pytest.raises(ValueError, match="`most_force` must be positive"):
-            tune(scene, OVER, most_force=wrong)
-        with pytest.raises(ValueError, match="`most_penetration` must be positive"):
-            tune(scene, OVER, most_penetration=wrong)
-    with pytest.raises(ValueError, match="finite and in order"):
-        tune(scene, {"shroud.gap": (1e-6, float("inf"))})
-
-
 def test_penetration_within_steps():
     # Between the ends of steps by the cubic through v and v' there: an error of fourth order. At their ends alone, the
     # control, it is of second order at best.
@@ -210,35 +204,33 @@ def test_penetration_within_steps():
     assert ends[1] > ends[0] / 8
 
 
-def test_a_tuning_comes_back_from_its_file(scene, tmp_path):
+def test_a_tuning_comes_back_from_its_file(scene, reopened):
     over = {"shroud.gap": (2e-5, 4e-5), "contact.gamma": (1.0, 2.0)}
     found = tune(scene, over, conditions={"drive.F_0": [40.0, 60.0]}, **TINY)
-    found.save(tmp_path / "tuned.nc")
-    back = open_result(tmp_path / "tuned.nc")
+    back = reopened(found)
     assert repr(back) == repr(found)
     for name in ("design", "over", "conditions", "at_bounds", "confirmed", "feasible", "goal", "periods", "most_force"):
         assert getattr(back, name) == getattr(found, name), name
-    np.testing.assert_array_equal(back.points, found.points)
+    assert_array_equal(back.points, found.points)
     assert list(back.checks) == list(found.checks)
     for name, judged in found.checks.items():
         for a, b in zip(back.checks[name], judged, strict=True):
-            np.testing.assert_array_equal(a, b)
+            assert_array_equal(a, b)
     assert len(found.plot().axes) == 2
     assert len(back.plot(drawn=objective_map(found, 2)).axes) == 3  # and a colour bar
     again, was = (objective_map(one, 2)["objective"] for one in (back, found))
-    np.testing.assert_array_equal(again, was)  # the file holds all that was simulated
+    assert_array_equal(again, was)  # the file holds all that was simulated
 
 
-def test_a_tuning_starts_where_it_is_told(scene, tmp_path):
+def test_a_tuning_starts_where_it_is_told(scene, reopened):
     # 1 mm apart at first, and no transient: the first periods count.
     over, rest = {"shroud.gap": (2e-5, 4e-5)}, Motion(*np.zeros((6, 2)))
     far = initial_state(rest._replace(x=np.array([-1e-3, 0.0])))
     small = TINY | {"n_periods": 2, "transient": 0}
     own, given = (tune(scene, over, state=state, **small) for state in (None, far))
     assert abs(own.objective - given.objective) > 1.0
-    given.save(tmp_path / "tuned.nc")
     with pytest.raises(ValueError, match="does not hold the `state`"):
-        problem_from_result(open_result(tmp_path / "tuned.nc"))
+        problem_from_result(reopened(given))
 
 
 def test_an_infeasible_tuning_is_an_error_if_asked(scene):
