@@ -3,9 +3,9 @@
 import jax
 import numpy as np
 import pytest
+from command_line import run, sets
 
 import jaxshroud as js
-from jaxshroud.cli.commands import main
 from jaxshroud.linear.held_contact import held_contact
 from jaxshroud.linear.linear_motion import linear_motions
 from jaxshroud.scene.scene import without_given
@@ -62,8 +62,8 @@ def test_what_is_claimed_does_not_slip_on_the_way():
     scenes = js.scenes_from({"drive.F_0": loads}, stuck())
     motion = linear_motions(scenes, held_contact(scenes, "stuck"))
     keeps = np.array([default_state(stuck(f"drive.F_0={load}"), None) == "stuck" for load in loads])
-    run = js.sweep(scenes, n_periods=120, transient=0, method=MARCH)
-    leaves = np.asarray(run.data["stick_slip"]).reshape(24, -1).sum(axis=1) > 0
+    swept = js.sweep(scenes, n_periods=120, transient=0, method=MARCH)
+    leaves = np.asarray(swept.data["stick_slip"]).reshape(24, -1).sum(axis=1) > 0
     assert not (keeps & leaves).any()
     assert keeps.any()
     assert leaves.any()
@@ -124,17 +124,15 @@ def test_a_response_is_marched_where_its_peak_slips():
 @pytest.mark.parametrize(
     ("options", "form"),
     [
-        ([], "stuck"),
-        (["--steps-per-period", "200"], "rk4"),
-        (["--accuracy", "fast"], ""),
-        (["--precision", "float64"], "rk4"),
+        ("", "stuck"),
+        ("--steps-per-period 200", "rk4"),
+        ("--accuracy fast", ""),
+        ("--precision float64", "rk4"),
     ],
     ids=["nothing", "steps", "accuracy", "precision"],
 )
 def test_a_command_that_says_how_to_march_marches(options, form, tmp_path):
-    settings = [word for setting in STUCK for word in ("--set", setting)]
-    short = ["--periods", "2", "--transient", "2", "--out", str(tmp_path / "power")]
-    main(["power", "table1", *settings, *short, *options])
+    run(f"power table1 {sets(*STUCK)} --periods 2 --transient 2 {options} --out {tmp_path}/power")
     method = js.open(tmp_path / "power" / "power.nc").data.attrs["method"]
     assert form in method
     assert ("closed form" in method) == (not options)
@@ -142,8 +140,7 @@ def test_a_command_that_says_how_to_march_marches(options, form, tmp_path):
 
 @pytest.mark.full
 def test_a_warning_of_an_accuracy_is_printed_once(tmp_path, capsys):
-    short = ["--periods", "2", "--transient", "2", "--out", str(tmp_path / "power")]
-    main(["power", "row_chain5", "--set", 'parts.motion=["x"]', "--accuracy", "fast", *short])
+    run(f"power row_chain5 --set parts.motion=[x] --accuracy fast --periods 2 --transient 2 --out {tmp_path}/power")
     assert capsys.readouterr().err.count("not examined") == 1
 
 
@@ -183,7 +180,5 @@ def test_light_damping_is_told_with_what_to_do_where_faces_touch(tmp_path, capsy
     assert alone == told.partition(";")[0]
     assert not any("to decay" in line for line in js.check(js.load("table1", light[1:])).advice)
     assert "never decays" in js.check(js.load("table1", ["blades.c_x=0"])).advice[-1]
-    words = [word for one in light for word in ("--set", one)]
-    run = ["--periods", "1", "--transient", "1", "--steps-per-period", "100", "--out", str(tmp_path / "out")]
-    assert main(["power", "table1", *words, *run]) == 0
+    run(f"power table1 {sets(*light)} --periods 1 --transient 1 --steps-per-period 100 --out {tmp_path}/out")
     assert told.replace(":", ", 1 are discarded:", 1) in " ".join(capsys.readouterr().err.split())

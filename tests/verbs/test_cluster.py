@@ -16,14 +16,12 @@ import pytest
 from command_line import refused, status_of
 from command_line import run as run_command
 from distributed import Client, LocalCluster
+from test_stored import GAMMA, LINE, SHORT, same
 
 import jaxshroud as js
 from jaxshroud.scene.checks import MachineError
 from jaxshroud.verbs import cluster, stored
 
-SHORT = dict(n_periods=2, transient=1, method=js.RungeKutta(steps=100))
-GAMMA = np.linspace(1.0, 2.0, 200)
-LINE = {"contact.gamma": GAMMA}
 GRID = {"contact.gamma": GAMMA[:10], "drive.F_0": np.linspace(40.0, 60.0, 100)}
 WAYS = {"independent": LINE, "backward": GRID}
 NOBODY = "tcp://127.0.0.1:9"
@@ -44,14 +42,6 @@ def scene():
 
 def run(scene, way, path, **more):
     return js.sweep(scene, WAYS[way], direction=way, store=path, **SHORT, **more)
-
-
-def same(found, exact):
-    """Bit by bit."""
-    assert found.data.attrs == exact.data.attrs
-    for name, variable in exact.data.variables.items():
-        np.testing.assert_array_equal(found.data[name].to_numpy().view(np.uint8), variable.to_numpy().view(np.uint8))
-        assert found.data[name].attrs == variable.attrs
 
 
 @pytest.fixture

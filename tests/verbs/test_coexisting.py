@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import binomtest
 
 import jaxshroud as js
@@ -38,19 +39,19 @@ def test_each_start_ends_where_it_is_said_to(found):
     many = js.scenes_from({"contact.gamma": np.full(64, 2.2)}, SCENE)
     run = js.sweep(many, state=state, transient=800, n_periods=1, **STEPS)
     expected = found.motion.x[found.label]
-    np.testing.assert_allclose(run.motion.x[:, -1], expected, rtol=0, atol=1e-4 * np.abs(expected).max())
+    assert_allclose(run.motion.x[:, -1], expected, rtol=0, atol=1e-4 * np.abs(expected).max())
 
 
 def test_intervals_are_those_of_clopper_and_pearson():
     for n, of in ((0, 20), (1, 20), (7, 20), (20, 20), (255, 256)):
         exact = binomtest(n, of).proportion_ci(method="exact")
-        np.testing.assert_allclose(np.array(share_interval(np.array(n), of)), exact, rtol=1e-9, atol=1e-12)
+        assert_allclose(np.array(share_interval(np.array(n), of)), exact, rtol=1e-9, atol=1e-12)
 
 
 def test_starts_are_apart_seeded_and_within_reach():
     scene = js.load("table1", ["drive.M_0=1"]).scene
     states, again = random_starts(scene, 50, 3, 2.0), random_starts(scene, 50, 3, 2.0)
-    np.testing.assert_array_equal(states.motion.theta, again.motion.theta)
+    assert_array_equal(states.motion.theta, again.motion.theta)
     for drawn, most in zip(states.motion, start_range(scene), strict=True):
         share = np.abs(np.asarray(drawn)) / most
         assert share.max() <= 2
@@ -70,15 +71,14 @@ def test_permanent_stick_is_one_family():
 
 
 @pytest.mark.release
-def test_a_long_transient_is_no_motion_of_its_own(tmp_path):
+def test_a_long_transient_is_no_motion_of_its_own(reopened):
     # A free blade whose amplitude falls by e in 680 periods: what it does in 576 looks aperiodic, but decays.
     slow = js.load("table1", ['parts.motion=["x"]', "blades.c_x=0.02", "shroud.gap=20mm"]).scene
     found = js.attractors(slow, 4, most_periods=64, method=js.RungeKutta(steps=60))
     assert found.names == []
     assert found.undecided == 1
     assert (found.label == -1).all()
-    found.save(tmp_path / "attractors.nc")
-    assert repr(js.open(tmp_path / "attractors.nc")) == repr(found)
+    assert repr(reopened(found)) == repr(found)
     plane = js.basins(slow, ranges=[(-5e-3, 5e-3), (-1.0, 1.0)], num=2, most_periods=64, method=js.RungeKutta(steps=60))
     assert (plane.label == -1).all()
     (panel, *_) = plane.plot().axes
@@ -97,15 +97,7 @@ def test_a_transient_that_ends_while_it_is_run_on_joins_its_motion(long, monkeyp
     assert found.undecided == 0
 
 
-def test_what_is_saved_is_what_is_opened(found, tmp_path):
-    found.save(tmp_path / "attractors.nc")
-    again = js.open(tmp_path / "attractors.nc")
-    assert repr(again) == repr(found)
-    np.testing.assert_array_equal(again.initial.x, found.initial.x)
-    assert len(again.plot().axes) == 3
-
-
-def test_basins_are_what_their_starts_lead_to(found, tmp_path):
+def test_basins_are_what_their_starts_lead_to(found, reopened):
     plane = js.basins(SCENE, ("x[0]", "v_x[0]"), ranges=[(-4e-4, -1e-4), (-0.5, 0.5)], num=6, **STEPS)
     assert plane.label.shape == (6, 6)
     assert set(plane.label.ravel().tolist()) <= {0, 1}
@@ -113,9 +105,8 @@ def test_basins_are_what_their_starts_lead_to(found, tmp_path):
     for i, j in ((0, 0), (3, 5), (5, 2)):
         at = js.vary(js.vary(SCENE, "initial.x[0]", x[i]), "initial.v_x[0]", v[j])
         end = js.simulate(at, n_periods=400, **STEPS).last.motion.x
-        np.testing.assert_allclose(end, plane.motion.x[plane.label[i, j]], rtol=0, atol=1e-3 * np.abs(end).max())
-    plane.save(tmp_path / "basins.nc")
-    assert js.open(tmp_path / "basins.nc").plot().axes
+        assert_allclose(end, plane.motion.x[plane.label[i, j]], rtol=0, atol=1e-3 * np.abs(end).max())
+    assert reopened(plane).plot().axes
 
 
 def test_letters_are_those_of_attractors_whatever_the_shares(found):
@@ -127,8 +118,8 @@ def test_letters_are_those_of_attractors_whatever_the_shares(found):
     plane = js.basins(near, ranges=[(x - 2e-4, x + 2e-4), (v - 0.2, v + 0.2)], num=6, **STEPS)
     assert found.share.argmax() != plane.share.argmax()
     assert plane.names == found.names
-    np.testing.assert_allclose(plane.P_d, found.P_d, rtol=1e-8)  # both orbits are closed to 1e-9
-    np.testing.assert_allclose(plane.motion.x, at.x, rtol=0, atol=1e-8 * np.abs(at.x).max())
+    assert_allclose(plane.P_d, found.P_d, rtol=1e-8)  # both orbits are closed to 1e-9
+    assert_allclose(plane.motion.x, at.x, rtol=0, atol=1e-8 * np.abs(at.x).max())
 
 
 def test_a_plane_is_of_two_numbers_of_the_start():
@@ -150,24 +141,23 @@ def both():
 def test_directions_are_the_sweeps_that_they_are_called_by(both):
     for i, way in enumerate(("independent", "forward", "backward")):
         alone = js.sweep(SCENE, OVER, direction=way, n_periods=32, **STEPS)
-        np.testing.assert_array_equal(both.motion.x[i], alone.motion.x)
-        np.testing.assert_array_equal(both.P_d[i], alone.P_d)
+        assert_array_equal(both.motion.x[i], alone.motion.x)
+        assert_array_equal(both.P_d[i], alone.P_d)
 
 
 def test_motions_coexist_between_the_folds_and_jump_at_them(both):
     # The folds of this march are at 2.0205 and 2.4617.
     inside = (VALUES > 2.0205) & (VALUES < 2.4617)
-    np.testing.assert_array_equal(both.coexisting, inside)
+    assert_array_equal(both.coexisting, inside)
     rows = dict(zip(both.data["direction"].to_numpy().tolist(), both.jump, strict=True))
     assert VALUES[rows["forward"]].tolist() == [VALUES[VALUES > 2.4617][0]]
     assert VALUES[rows["backward"]].tolist() == [VALUES[VALUES < 2.0205][-1]]
     assert not rows["independent"].any()
 
 
-def test_several_directions_are_saved_and_drawn(both, tmp_path):
-    both.save(tmp_path / "both.nc")
-    again = js.open(tmp_path / "both.nc")
-    np.testing.assert_array_equal(again.jump, both.jump)
+def test_several_directions_are_saved_and_drawn(both, reopened):
+    again = reopened(both)
+    assert_array_equal(again.jump, both.jump)
     assert again.axes.keys() == OVER.keys()
     assert len(again.plot().axes) == 2
 
@@ -177,5 +167,5 @@ def test_a_map_without_samples_has_the_same_numbers():
     whole, numbers = (js.sweep(SCENE, over, n_periods=16, keep_samples=s, **STEPS) for s in (True, False))
     assert "x" not in numbers.data
     for name in ("P_d", "period_number", "status", "settling"):
-        np.testing.assert_array_equal(getattr(numbers, name), getattr(whole, name))
+        assert_array_equal(getattr(numbers, name), getattr(whole, name))
     assert numbers.plot().axes

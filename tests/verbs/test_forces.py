@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import reference
+from numpy.testing import assert_allclose, assert_array_equal
 from side_by_side import scene_of
 
 import jaxshroud as js
@@ -169,18 +170,17 @@ def test_samples_are_those_of_a_run_without_events(marched):
         every=EVERY,
     )
     # The same trials; programs that are compiled apart may round differently.
-    np.testing.assert_allclose(run.motion.x, plain.motion.x, rtol=0, atol=1e-9 * np.abs(plain.motion.x).max())
+    assert_allclose(run.motion.x, plain.motion.x, rtol=0, atol=1e-9 * np.abs(plain.motion.x).max())
     assert run.counters == plain.counters
     assert len(run.events.t) == 2 * (sum(run.counters.values()) - run.counters["grazing"])
 
 
 @LONG
-@pytest.mark.full
 def test_events_change_the_state_and_not_the_place(marched):
     _, run, _ = marched
     before, after = (run.events.data.isel(time=slice(side, None, 2)) for side in (0, 1))
-    np.testing.assert_array_equal(before["time"], after["time"])
-    np.testing.assert_allclose(before["x"], after["x"], rtol=1e-12, atol=1e-18)
+    assert_array_equal(before["time"], after["time"])
+    assert_allclose(before["x"], after["x"], rtol=1e-12, atol=1e-18)
     changed = (before["mode"].to_numpy() != after["mode"].to_numpy()) | (before["case"].to_numpy() != after["case"])
     assert changed.all()
     whole = run.with_events()
@@ -191,7 +191,6 @@ def test_events_change_the_state_and_not_the_place(marched):
 
 
 @LONG
-@pytest.mark.full
 def test_the_largest_forces_are_no_less_than_any_state_shows(marched):
     p, run, swept = marched
     states = run.with_events()
@@ -239,7 +238,7 @@ def assert_alike(results):
     for name, a in one.items():
         size = np.nanmax(np.abs(a), initial=0) if a.dtype.kind == "f" else 0
         near = {"v_max": 1e-4}.get(name, 1e-6) * size + 1e-12  # rounding of what is zero
-        np.testing.assert_allclose(other[name], a, rtol=0, atol=near, err_msg=name)
+        assert_allclose(other[name], a, rtol=0, atol=near, err_msg=name)
 
 
 @pytest.mark.release
@@ -265,14 +264,14 @@ def test_margins_are_the_same_whatever_the_march(more):
     one, other = (grazing_margins(js.orbit(scene, method=m).cycle()) for m in MARCHES)
     assert one.counters == other.counters
     # The largest speed is that of a cubic's slope, of which a step of 1/1600 misses some 1e-7; of ends alone 1e-6.
-    np.testing.assert_allclose(other[1:], one[1:], rtol=2e-7)
+    assert_allclose(other[1:], one[1:], rtol=2e-7)
 
 
 def test_without_contact_series_close_the_same_orbit():
     scene = js.load("table1", [*BENDING, "parts.contact=none"]).scene
     one, other = (js.orbit(scene, method=m) for m in MARCHES)
     assert other.P_d == pytest.approx(one.P_d, abs=1e-7)
-    np.testing.assert_allclose(np.abs(other.multipliers), np.abs(one.multipliers), rtol=0, atol=1e-8)
+    assert_allclose(np.abs(other.multipliers), np.abs(one.multipliers), rtol=0, atol=1e-8)
 
 
 def test_events_are_of_one_scene_that_has_them(table1):
@@ -289,9 +288,9 @@ def test_events_of_a_long_method():
         simulate(scene, **how, method=m, events=True).events
         for m in (js.RungeKutta(name, steps=400, locate="bisection") for name in ("dopri8", "rk4"))
     )
-    np.testing.assert_array_equal(got.mode, fine.mode)
+    assert_array_equal(got.mode, fine.mode)
     # Both locate events to 1e-6 of a step and better; RK4 errs by some 1e-7 at 400 steps.
-    np.testing.assert_allclose(got.t, fine.t, rtol=1e-5)
+    assert_allclose(got.t, fine.t, rtol=1e-5)
 
 
 def test_a_contact_that_has_not_ended_counts_in_no_impulse():

@@ -1,13 +1,12 @@
 """Mistuned rows: amplitudes of linear rings by an independent solution, statistics, searches, and marched rows."""
 
-import json
-
 import jax
 import numpy as np
 import pytest
+from command_line import read_json, refused, run, sets, status_of
+from numpy.testing import assert_allclose, assert_array_equal, assert_array_less
 
 import jaxshroud as js
-from jaxshroud.cli import commands as cli
 from jaxshroud.cli import projection
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.mistuning import design_pattern, random_patterns
@@ -29,6 +28,7 @@ LINEAR = js.load("row_ring12", ['parts.motion=["x", "y"]']).scene
 SPEEDS = np.linspace(1000.0, 1400.0, 41)
 ONE_MODE = ['parts.motion=["x"]', "contact.gamma=0.02", "friction.k_d=0", f"drive.engine_order={N // 2}"]
 SMALL = ['parts.motion=["x"]', "row.blades=3", "drive.engine_order=1", "contact.gamma=2.6"]
+SMALL_RING = js.load("row_ring12", SMALL).scene
 HOW = {"n_periods": 4, "transient": 2, "method": js.RungeKutta("rk4", steps=200)}
 ALONG = {"drive.omega": [500.0, 600.0]}
 
@@ -65,7 +65,7 @@ def test_a_linear_ring_is_that_of_a_direct_solution(linear):
         at = [3, 17, 29]
         want = [solved(LINEAR, linear.mistuning[0, 1, p], SPEEDS[i], k_d).max() for i in at]
         # Both solve the same system; its condition number, some 1e3, leaves 1e-12.
-        np.testing.assert_allclose(amplitude[p, at], want, rtol=1e-8)
+        assert_allclose(amplitude[p, at], want, rtol=1e-8)
         tops = [
             solved(LINEAR, delta, w, k_d)
             for delta, w in (
@@ -73,7 +73,7 @@ def test_a_linear_ring_is_that_of_a_direct_solution(linear):
                 (np.zeros(N), linear.tuned_value),
             )
         ]
-        np.testing.assert_allclose(linear.amplification[0, 1, p], tops[0].max() / tops[1].max(), rtol=1e-8)
+        assert_allclose(linear.amplification[0, 1, p], tops[0].max() / tops[1].max(), rtol=1e-8)
         assert tops[0].argmax() == linear.worst_blade[0, 1, p]
     # Without the springs of friction it is another ring.
     wrong = solved(LINEAR, linear.mistuning[0, 1, 0], SPEEDS[17], 0.0).max()
@@ -81,18 +81,16 @@ def test_a_linear_ring_is_that_of_a_direct_solution(linear):
 
 
 def test_the_peak_between_values_is_at_least_that_of_the_values(linear):
-    np.testing.assert_array_less(
-        linear.amplitude.max(axis=(3, 4)) * (1 - 1e-12), linear.amplification * linear.tuned_largest
-    )
+    assert_array_less(linear.amplitude.max(axis=(3, 4)) * (1 - 1e-12), linear.amplification * linear.tuned_largest)
     fine = js.mistune(LINEAR, {"drive.omega": np.linspace(1000, 1400, 4001)}, linear="stuck", n_patterns=3, seed=1)
     # From values 10 rad/s apart, a sixth of the width of the peaks, their heights are known to far less than 1e-4.
-    np.testing.assert_allclose(linear.amplification[0, 1, :3], fine.amplification[0, 0], rtol=1e-4)
+    assert_allclose(linear.amplification[0, 1, :3], fine.amplification[0, 0], rtol=1e-4)
 
 
 def test_patterns_are_those_of_scenes_and_the_same_for_all_sigmas(linear):
     own = js.load("row_ring12", ["row.mistuning={sigma = 0.03, seed = 1}"]).scene.row.mistuning
-    np.testing.assert_allclose(linear.mistuning[0, 1, 0], own, rtol=1e-14)
-    np.testing.assert_allclose(linear.mistuning[0, 0] * 3, linear.mistuning[0, 1], rtol=1e-12)
+    assert_allclose(linear.mistuning[0, 1, 0], own, rtol=1e-14)
+    assert_allclose(linear.mistuning[0, 0] * 3, linear.mistuning[0, 1], rtol=1e-12)
 
 
 def test_the_tuned_ring_amplifies_by_one_and_patterns_of_sigma_zero_are_designs(linear):
@@ -102,16 +100,14 @@ def test_the_tuned_ring_amplifies_by_one_and_patterns_of_sigma_zero_are_designs(
         LINEAR, {"drive.omega": SPEEDS}, linear="stuck", sigmas=[1e-9], n_patterns=2, designs=["none", "alternate:0.02"]
     )
     # A deviation of 1e-9 moves a peak whose relative width is 0.04 by some 1e-8 of its width.
-    np.testing.assert_allclose(both.amplification[:, 0, 0], both.design_amplification, rtol=1e-7)
+    assert_allclose(both.amplification[:, 0, 0], both.design_amplification, rtol=1e-7)
     assert both.design_amplification[1] > 1.0001
 
 
 def test_intentional_patterns_are_what_they_are_called():
     size = LINEAR.layout
-    np.testing.assert_array_equal(design_pattern("alternate:0.02", size), np.tile([0.02, -0.02], 6))
-    np.testing.assert_allclose(
-        design_pattern("harmonic:6:0.02", size), design_pattern("alternate:0.02", size), atol=1e-16
-    )
+    assert_array_equal(design_pattern("alternate:0.02", size), np.tile([0.02, -0.02], 6))
+    assert_allclose(design_pattern("harmonic:6:0.02", size), design_pattern("alternate:0.02", size), atol=1e-16)
     waves = np.abs(np.fft.rfft(design_pattern("harmonic:4:0.03", size)))
     assert waves.argmax() == 4
 
@@ -181,7 +177,7 @@ def test_a_search_finds_the_maximum_of_a_plane_however_slopes_are_found():
     problem = PatternProblem(values=np.arange(3.0), respond=respond, slopes=slopes, cost=3, slope_cost=1)
     found = search_worst_pattern(problem, 4, 0.1, SearchSize(8, 2, 20), 0)
     best = 0.1 * 2 * a / np.linalg.norm(a)  # on the ball of radius sigma sqrt(N)
-    np.testing.assert_allclose(found.mistuning, best, atol=1e-3)
+    assert_allclose(found.mistuning, best, atol=1e-3)
     assert found.by_gradient[-1] == pytest.approx(1 + best @ a, rel=1e-4)
     assert found.by_chance[-1] < found.by_gradient[-1]
     # The scan, the first slopes, then responses to both paths and slopes of those that rose.
@@ -190,7 +186,7 @@ def test_a_search_finds_the_maximum_of_a_plane_however_slopes_are_found():
     assert np.all(np.diff(found.cost) >= 2 * 3)
 
 
-def test_patterns_with_narrow_peaks_are_named(tmp_path):
+def test_patterns_with_narrow_peaks_are_named(reopened):
     # Lightly damped blades over few values. Where even the largest of all blades falls below half power at both
     # neighbours of a peak, the blade that has it does so all the more.
     scene = js.load("row_ring12", [*ONE_MODE, "row.blades=3", "drive.engine_order=1", "blades.c_x=0.16"]).scene
@@ -207,8 +203,7 @@ def test_patterns_with_narrow_peaks_are_named(tmp_path):
     assert found.coarse == len(found.coarse_patterns)
     (line,) = (line for line in found.messages if "narrower" in line)
     assert found.coarse_patterns[0] in line
-    found.save(tmp_path / "mistuned.nc")
-    assert js.open(tmp_path / "mistuned.nc").messages == found.messages  # pyright: ignore[reportAttributeAccessIssue]
+    assert reopened(found).messages == found.messages
 
 
 def test_the_largest_amplitude_is_over_blades_values_and_directions():
@@ -218,10 +213,10 @@ def test_the_largest_amplitude_is_over_blades_values_and_directions():
     status = np.zeros((2, 2, 4), int)
     status[1, 1, 0] = Status.NOT_FINITE
     top = largest_amplitudes(responses(amplitude, status), np.array([10.0, 20.0, 30.0, 40.0]))
-    np.testing.assert_array_equal(top.amplitude, [5.0, 7.0])
-    np.testing.assert_array_equal(top.value, [30.0, 40.0])
-    np.testing.assert_array_equal([top.direction, top.blade], [[1, 0], [0, 2]])
-    np.testing.assert_array_equal([top.whole, top.at_end, top.coarse], [[True, False], [False, True], [True, True]])
+    assert_array_equal(top.amplitude, [5.0, 7.0])
+    assert_array_equal(top.value, [30.0, 40.0])
+    assert_array_equal([top.direction, top.blade], [[1, 0], [0, 2]])
+    assert_array_equal([top.whole, top.at_end, top.coarse], [[True, False], [False, True], [True, True]])
     assert top.participation_ratio[0] == pytest.approx((25 + 2) ** 2 / (3 * (625 + 2)))
 
 
@@ -241,38 +236,34 @@ def test_intervals_of_quantiles_cover_them():
 @pytest.fixture(scope="module")
 def marched(tmp_path_factory):
     store = tmp_path_factory.mktemp("mistuned") / "a.zarr"
-    scene = js.load("row_ring12", SMALL).scene
+    scene = SMALL_RING
     return store, js.mistune(scene, ALONG, sigmas=[0.02], n_patterns=3, store=store, **HOW)
 
 
 def test_a_marched_row_is_that_of_a_sweep(marched):
     _, found = marched
-    scene = js.vary(js.load("row_ring12", SMALL).scene, "row.mistuning", found.mistuning[0, 0, 1])
+    scene = js.vary(SMALL_RING, "row.mistuning", found.mistuning[0, 0, 1])
     swept = js.sweep(scene, ALONG, amplitudes=True, **HOW)
     # The same lanes beside others; rounding alone.
-    np.testing.assert_allclose(found.amplitude[0, 0, 1, 0], swept.x_peak.max(axis=-1), rtol=1e-9)
+    assert_allclose(found.amplitude[0, 0, 1, 0], swept.x_peak.max(axis=-1), rtol=1e-9)
     level = found.amplitude[0, 0, :, 0].max(axis=-1) / found.tuned_amplitude.max()
-    np.testing.assert_allclose(found.amplification[0, 0], level, rtol=1e-14)
+    assert_allclose(found.amplification[0, 0], level, rtol=1e-14)
 
 
 def test_a_stored_run_goes_on_without_computing_again(marched, written):
     store, found = marched
-    again = js.mistune(
-        js.load("row_ring12", SMALL).scene, ALONG, sigmas=[0.02], n_patterns=3, store=store, resume=True, **HOW
-    )
+    again = js.mistune(SMALL_RING, ALONG, sigmas=[0.02], n_patterns=3, store=store, resume=True, **HOW)
     assert not written
-    np.testing.assert_array_equal(again.amplification, found.amplification)
+    assert_array_equal(again.amplification, found.amplification)
     with pytest.raises(js.StoreError, match=r"sigma|scenes|another"):
-        js.mistune(
-            js.load("row_ring12", SMALL).scene, ALONG, sigmas=[0.03], n_patterns=3, store=store, resume=True, **HOW
-        )
+        js.mistune(SMALL_RING, ALONG, sigmas=[0.03], n_patterns=3, store=store, resume=True, **HOW)
 
 
 def test_rows_are_run_up_and_down_the_speeds_and_searched(marched):
-    scene, told = js.load("row_ring12", SMALL).scene, []
+    scene, told = SMALL_RING, []
     both = js.mistune(scene, ALONG, sigmas=[0.02], n_patterns=3, direction="both", **HOW)
     assert both.amplitude.shape == (1, 1, 3, 3, 2)
-    np.testing.assert_allclose(both.amplitude[0, 0, :, 0], marched[1].amplitude[0, 0, :, 0], rtol=1e-9)
+    assert_allclose(both.amplitude[0, 0, :, 0], marched[1].amplitude[0, 0, :, 0], rtol=1e-9)
     assert np.all(both.amplitude[0, 0, :, 1, 0] == both.amplitude[0, 0, :, 0, 0])  # up from rest at the first value
     searched = js.mistune(
         scene,
@@ -305,7 +296,7 @@ def test_a_pattern_with_a_lane_that_stopped_is_left_out(monkeypatch):
 
     swept_responses = verb.swept_responses
     monkeypatch.setattr(verb, "swept_responses", stopping)
-    found = js.mistune(js.load("row_ring12", SMALL).scene, ALONG, sigmas=[0.02], n_patterns=3, **HOW)
+    found = js.mistune(SMALL_RING, ALONG, sigmas=[0.02], n_patterns=3, **HOW)
     assert np.isnan(found.amplification[0, 0]).tolist() == [False, True, False]
     assert found.left_out == found.failed == 1
     assert found.quantile[0, 0, 1] == pytest.approx(np.nanmedian(found.amplification))
@@ -318,38 +309,32 @@ def test_a_pattern_with_a_lane_that_stopped_is_left_out(monkeypatch):
 
 
 def test_the_command_writes_what_the_verb_finds_and_says_what_is_wrong(tmp_path, capsys):
-    words = ["mistune", "row_ring12", "--set", 'parts.motion=["x"]', "--along", "drive.omega", "--n-patterns", "20"]
-    ends = ["--start", "1000", "--stop", "1400", "--num", "21", "--linear", "stuck", "--out", str(tmp_path / "out")]
-    assert cli.main([*words, *ends, "--pattern", "none", "--pattern", "alternate:0.02", "--updates", "2"]) == 0
+    along = "--along drive.omega --start 1000 --stop 1400 --num 21"
+    words = f"mistune row_ring12 --set parts.motion=[x] {along} --n-patterns 20 --linear stuck --out {tmp_path}/out"
+    run(f"{words} --pattern none --pattern alternate:0.02 --updates 2")
     out = capsys.readouterr().out
     assert "Whitehead (linear, one mode per blade)" in out
     assert "worst by gradient" in out
     found = js.open(tmp_path / "out" / "mistune.nc")
     assert isinstance(found, js.Mistuned)
     assert found.designs == ("none", "alternate:0.02")
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    summary = read_json(tmp_path / "out" / "summary.json")
     assert summary["amplification"]["none"]["0.03"]["0.5"][0] == pytest.approx(found.quantile[0, 0, 1])
     for panel in ("amplification", "amplitude", "pattern"):
         found.plot(panel=panel)
-    for further, told in {
-        "--resume": "has no store",
-        "--pattern=wave": "There is no pattern 'wave'",
-    }.items():
-        assert cli.main([*words, *ends, "--force", further]) == 2
-        assert told in capsys.readouterr().err.splitlines()[-1]
+    assert "has no store" in refused(capsys, f"{words} --force --resume")
 
 
 @pytest.mark.parametrize("direction", ["independent", "forward"])
 def test_a_long_march_is_projected_and_kept_in_a_store(direction, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(projection, "LONG_ROW_STEPS", 0)
-    row = [word for override in SMALL for word in ("--set", override)]
-    ends = ["--along", "drive.omega", "--start", "500", "--stop", "600", "--num", "2", "--n-patterns", "3"]
-    how = ["--tableau", "rk4", "--steps-per-period", "200", "--periods", "4", "--transient", "2"]
-    words = ["mistune", "row_ring12", *row, *ends, *how, "--direction", direction, "--out", str(tmp_path / "out")]
-    assert cli.main(words) == 0
+    along = f"--along drive.omega --start 500 --stop 600 --num 2 --n-patterns 3 --direction {direction}"
+    how = "--tableau rk4 --steps-per-period 200 --periods 4 --transient 2"
+    words = f"mistune row_ring12 {sets(*SMALL)} {along} {how} --out {tmp_path}/out"
+    run(words)
     (told,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("10 runs: about ")]
     assert "mistune.zarr" in told
     assert (tmp_path / "out" / "mistune.zarr").is_dir()
-    assert cli.main(words) == 2
+    assert status_of(words) == 2
     assert "give --resume to go on with it" in capsys.readouterr().err.splitlines()[-1]
-    assert cli.main([*words, "--resume", "--force"]) == 0
+    run(f"{words} --resume --force")

@@ -8,9 +8,9 @@ import jax
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from command_line import sets, status_of
 
 import jaxshroud as js
-from jaxshroud.cli import commands as cli
 from jaxshroud.plotting.pictures import PAGES
 
 IN_X = ['parts.motion=["x"]', "blades.c_x=40"]
@@ -179,23 +179,23 @@ def test_every_verb_of_rows_where_nothing_happens(verb, case):
 
 
 COMMANDS = {
-    "simulate": ["--events", "--out", "run.nc"],
-    "sweep": ["--along", "contact.gamma", "--values", "1,2", "--forces", "--amplitudes", "--out", "out"],
-    "power": ["--forces", "--amplitudes", "--out", "out"],
-    "diagnose": ["--out", "out"],
-    "orbit": ["--out", "out"],
-    "lyapunov": ["--out", "out"],
-    "gradient": ["--wrt", "shroud.gap", "--relative", "--out", "gradient.json"],
-    "tune": [*("--over", "contact.gamma=1:2", "--scan", "4", "--starts", "1", "--updates", "1"), "--out", "out"],
-    "scatter": ["--tolerance", "shroud.gap=1um", "--samples", "4", "--out", "out"],
-    "report": ["--samples", "4", "--starts", "4", "--out", "report.html"],
-    "trade": ["--lanes", "8", "--out", "out"],
-    "branch": [*("--along", "drive.omega", "--start", "500", "--stop", "560"), "--num", "2", "--out", "out"],
-    "response": [*("--start", "500", "--stop", "560", "--num", "3"), "--out", "out"],
-    "attractors": ["--starts", "4", "--out", "out"],
-    "basins": ["--num", "3", "--out", "out"],
-    "check": ["--out", "out"],
-    "explain": [],
+    "simulate": "--events --out run.nc",
+    "sweep": "--along contact.gamma --values 1,2 --forces --amplitudes --out out",
+    "power": "--forces --amplitudes --out out",
+    "diagnose": "--out out",
+    "orbit": "--out out",
+    "lyapunov": "--out out",
+    "gradient": "--wrt shroud.gap --relative --out gradient.json",
+    "tune": "--over contact.gamma=1:2 --scan 4 --starts 1 --updates 1 --out out",
+    "scatter": "--tolerance shroud.gap=1um --samples 4 --out out",
+    "report": "--samples 4 --starts 4 --out report.html",
+    "trade": "--lanes 8 --out out",
+    "branch": "--along drive.omega --start 500 --stop 560 --num 2 --out out",
+    "response": "--start 500 --stop 560 --num 3 --out out",
+    "attractors": "--starts 4 --out out",
+    "basins": "--num 3 --out out",
+    "check": "--out out",
+    "explain": "",
 }
 
 
@@ -205,10 +205,10 @@ COMMANDS = {
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_where_nothing_happens(command, case, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    run = ["run.periods=1" if case == "one period" else "run.periods=4", "run.transient=2", "run.steps_per_period=100"]
-    sets = [word for change in [*IN_X, *CASES[case], *run] for word in ("--set", change)]
-    compared = command in ("power", "gradient", "tune", "scatter", "report", "trade") and case in UNCOMPARED
-    assert cli.main([command, "table1", *sets, *COMMANDS[command]]) == (2 if compared else 0)
+    periods = f"run.periods={1 if case == 'one period' else 4}"
+    changes = sets(*IN_X, *CASES[case], periods, "run.transient=2", "run.steps_per_period=100")
+    compared = command in COMPARING and case in UNCOMPARED
+    assert status_of(f"{command} table1 {changes} {COMMANDS[command]}") == (2 if compared else 0)
     told = capsys.readouterr()
     assert "nan %" not in told.out
     if compared:

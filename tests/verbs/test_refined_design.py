@@ -80,7 +80,7 @@ def test_designs_that_stop_are_worse_and_none_that_runs_ends_the_search(monkeypa
     assert not nothing.worse.any()
 
 
-def test_tune_tells_where_the_best_is(tmp_path):
+def test_tune_tells_where_the_best_is(reopened):
     scene = js.load("table1", ['parts.motion=["x"]', "drive.F_0=60"]).scene
     found = js.tune(scene, {KEY: (1.0, 4.0)}, search=SEARCH, **SHORT)
     low, high = found.best_between[KEY]
@@ -88,8 +88,7 @@ def test_tune_tells_where_the_best_is(tmp_path):
     values = np.geomspace(1.0, 4.0, 200)
     dense = js.sweep(scene, {KEY: values}, **SHORT).P_d
     assert found.objective >= np.nanmax(dense) - 0.2
-    found.save(tmp_path / "tune.nc")
-    again = js.Tuned.load(tmp_path / "tune.nc")
+    again = reopened(found)
     assert again.best_between == found.best_between
     assert found.summary()["best_between"] == {KEY: [low, high]}
     two = js.tune(scene, {KEY: (1.0, 4.0), "shroud.gap": (1e-5, 2e-5)}, search=SEARCH, **SHORT)

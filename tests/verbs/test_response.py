@@ -85,10 +85,9 @@ def test_a_peak_without_contact_that_is_out_of_view_is_told_in_the_picture(touch
 
 
 @pytest.mark.full
-def test_a_response_is_stored_and_drawn_again(touching, tmp_path):
+def test_a_response_is_stored_and_drawn_again(touching, reopened):
     _, found = touching
-    found.save(tmp_path / "response.nc")
-    again = js.open(tmp_path / "response.nc")
+    again = reopened(found)
     assert again.peaks == found.peaks
     assert again.summary() == found.summary()
     assert again.branch().special == found.branch().special

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import jaxshroud as js
 from jaxshroud.batch.plan import Plan
@@ -46,10 +47,10 @@ def robust():
 
 def test_numbers_scatter_about_design_condition_and_scene():
     many = scenes_of(problem(places=[[1.0, -1.0, 0.5], [-1.0, 0.0, 1.0]]), np.array([[2e-5]]))
-    np.testing.assert_allclose(many.shroud.gap, [2.5e-5, 1.5e-5] * 2, rtol=1e-12)
-    np.testing.assert_allclose(many.blades.m[:, 1], [0.076, 0.08] * 2, rtol=1e-12)
-    np.testing.assert_array_equal(many.blades.m[:, 0], 0.08)
-    np.testing.assert_allclose(many.drive.F_0, [[44.0] * 2, [48.0] * 2, [66.0] * 2, [72.0] * 2], rtol=1e-12)
+    assert_allclose(many.shroud.gap, [2.5e-5, 1.5e-5] * 2, rtol=1e-12)
+    assert_allclose(many.blades.m[:, 1], [0.076, 0.08] * 2, rtol=1e-12)
+    assert_array_equal(many.blades.m[:, 0], 0.08)
+    assert_allclose(many.drive.F_0, [[44.0] * 2, [48.0] * 2, [66.0] * 2, [72.0] * 2], rtol=1e-12)
 
 
 @pytest.mark.full
@@ -58,7 +59,7 @@ def test_draws_count_like_conditions():
     found = judge_designs(problem(), np.array([[2e-5]]), quiet)
     runs = js.sweep(scenes_of(problem(), np.array([[2e-5]])), **HOW)
     assert found.P_d.shape == (1, 8)
-    np.testing.assert_allclose(found.P_d[0], runs.P_d, rtol=1e-9)
+    assert_allclose(found.P_d[0], runs.P_d, rtol=1e-9)
     assert found.objective[0] == pytest.approx(np.mean(runs.P_d), rel=1e-9)
     assert judge_designs(problem()._replace(goal="worst"), np.array([[2e-5]]), quiet).objective[0] == found.P_d.min()
 
@@ -71,7 +72,7 @@ def test_slopes_are_averaged_over_draws():
     slope, growth = exact_slopes(made, u, quiet)
     assert np.all(growth < MAX_GROWTH)
     up, down = (judge_designs(made, made.values(u + s), quiet).P_d for s in (h, -h))
-    np.testing.assert_allclose(slope[..., 0], (up - down) / (2 * h), rtol=1e-3, atol=1e-3)
+    assert_allclose(slope[..., 0], (up - down) / (2 * h), rtol=1e-3, atol=1e-3)
     # Control: without the stretch it would be another.
     assert np.abs(slope[0, :, 0] / made.stretch[:, 0] / ((up - down)[0] / (2 * h)) - 1).max() > 0.05
 
@@ -110,7 +111,7 @@ def known(loss, limit=np.inf, at=0.4, most=1.0, monkeypatch=None):
 def test_intervals_of_a_known_loss(monkeypatch):
     # A parabola that loses 1 at 0.4 +- 0.01: an interval narrower than the first look's spacing.
     found = known(lambda mu: ((mu - 0.4) / 0.01) ** 2, monkeypatch=monkeypatch)
-    np.testing.assert_allclose(found.ends, [0.39, 0.41], atol=1e-5)
+    assert_allclose(found.ends, [0.39, 0.41], atol=1e-5)
     assert np.all(found.ended_by == robustness.ALLOWED_LOSS)
     assert found.beyond[0] < 0.39 < found.ends[0] < found.ends[1] < 0.41 < found.beyond[1]
     inside = (found.probes >= found.ends[0]) & (found.probes <= found.ends[1])
@@ -150,25 +151,24 @@ def test_probability_is_that_of_the_draws(robust):
     made = problem_from_result(robust)
     again = made._replace(scattering=made.scattering._replace(places=robust.sampled))
     P_d = judge_designs(again, robust.best[None], quiet).P_d.reshape(2, -1).min(axis=0)
-    np.testing.assert_array_equal(P_d, robust.sampled_P_d)
+    assert_array_equal(P_d, robust.sampled_P_d)
 
 
 @pytest.mark.full
 def test_motions_of_the_best_design_are_counted(robust):
     # Strongly damped: one motion at either load, and its P_d is the design's own.
     assert robust.motions.tolist() == [1, 1]
-    np.testing.assert_allclose(robust.motions_worst, robust.nominal_P_d, atol=0.01)
+    assert_allclose(robust.motions_worst, robust.nominal_P_d, atol=0.01)
 
 
 @pytest.mark.full
-def test_a_robust_tuning_comes_back_from_its_file(robust, tmp_path):
-    robust.save(tmp_path / "tuned.nc")
-    back = js.open(tmp_path / "tuned.nc")
+def test_a_robust_tuning_comes_back_from_its_file(robust, reopened):
+    back = reopened(robust)
     assert repr(back) == repr(robust)
     assert back.scatters == robust.scatters == {"shroud.gap": (5e-6, False), "blades.m[1]": (0.05, True), "drive.F_0": (0.2, True)}  # fmt: skip  # noqa: E501
     assert str(back.robust) == str(robust.robust)
     again, was = (judge_designs(problem_from_result(one), robust.best[None], quiet).P_d for one in (back, robust))
-    np.testing.assert_array_equal(again, was)
+    assert_array_equal(again, was)
     assert len(back.plot().axes) == 1 + 2 + 1  # the values of the tuned number, two numbers, and the scatter
     assert robust.conditions == {"drive.F_0": [40.0, 60.0]}
 

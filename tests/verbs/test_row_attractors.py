@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import jaxshroud as js
 
@@ -33,7 +34,7 @@ def test_copies_of_a_broken_wave_are_motions_of_their_own(found):
     assert found.residual.max() < 1e-9
     assert found.distance.min() > 0.1
     assert abs(found.multipliers[:, 0]).max() < 1  # all are stable
-    np.testing.assert_allclose(found.P_d, found.P_d[0], rtol=0, atol=1e-8)
+    assert_allclose(found.P_d, found.P_d[0], rtol=0, atol=1e-8)
     # Control: a copy that begins at another blade is none of the others' motions.
     assert min(np.abs(found.motion.x[0] - x).max() for x in found.motion.x[1:]) > 0.1 * np.abs(found.motion.x).max()
 
@@ -42,16 +43,15 @@ def test_shares_are_those_of_plain_marches(found):
     ends = marched_from(found.initial, 600)
     size = np.abs(found.motion.x).max()
     away = np.abs(ends[:, None] - found.motion.x).max(axis=-1) / size
-    np.testing.assert_array_equal(away.argmin(axis=1), found.label)
+    assert_array_equal(away.argmin(axis=1), found.label)
     assert away.min(axis=1).max() < 1e-5
-    np.testing.assert_array_equal(np.bincount(found.label), found.starts)
+    assert_array_equal(np.bincount(found.label), found.starts)
 
 
-def test_a_ring_is_saved_and_drawn(found, tmp_path):
-    found.save(tmp_path / "attractors.nc")
-    again = js.open(tmp_path / "attractors.nc")
+def test_a_ring_is_saved_and_drawn(found, reopened):
+    again = reopened(found)
     assert repr(again) == repr(found)
-    np.testing.assert_array_equal(again.initial.v_x, found.initial.v_x)
+    assert_array_equal(again.initial.v_x, found.initial.v_x)
     assert len(again.plot().axes) == 3
 
 
@@ -63,7 +63,7 @@ def test_basins_of_a_ring_are_what_their_starts_lead_to(found):
     still = np.zeros((9, 4))
     ends = marched_from(js.Motion(*[still] * 3, rates.reshape(9, 4), still, still), 600)
     away = np.abs(ends[:, None] - plane.motion.x).max(axis=-1) / np.abs(plane.motion.x).max()
-    np.testing.assert_array_equal(away.argmin(axis=1), plane.label.ravel())
+    assert_array_equal(away.argmin(axis=1), plane.label.ravel())
     assert away.min(axis=1).max() < 1e-4
 
 

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from command_line import run, sets
 
 import jaxshroud as js
-from jaxshroud.cli import commands as cli
+
+pytestmark = pytest.mark.full
 
 RING = ['parts.motion=["x"]', "row.blades=3", "drive.engine_order=1"]
 HOW = {"transient": 64, "method": js.RungeKutta("rk4", steps=100)}
@@ -15,20 +17,17 @@ def wave():
     return js.diagnose(js.load("row_ring12", [*RING, "blades.c_x=40"]).scene, **HOW)
 
 
-@pytest.mark.full
-def test_a_tuned_ring_that_follows_its_drive_is_a_wave(wave, tmp_path):
+def test_a_tuned_ring_that_follows_its_drive_is_a_wave(wave, reopened):
     assert wave.verdict == "travelling wave of period 1"
     assert wave.period_number == 1
     assert wave.largest_exponent + wave.largest_exponent_ci < 0
     assert float(wave.wave_distance) < 1e-9
     np.testing.assert_allclose(wave.P, wave.P[0], rtol=1e-5)  # what is left of the transient
     np.testing.assert_allclose(wave.P_d[-1], 100 * (1 - wave.P.sum() / wave.P_0.sum()), rtol=1e-9)
-    wave.save(tmp_path / "wave.nc")
-    again = js.open(tmp_path / "wave.nc")
+    again = reopened(wave)
     assert (again.verdict, again.summary()) == (wave.verdict, wave.summary())
 
 
-@pytest.mark.full
 def test_a_wave_whose_shift_is_broken_is_told_from_one():
     # Table 1 in a ring of four under engine order 2 at 1300 rad/s: every harmonic has one nodal diameter alone, but not
     # the drive's, and the blades' means alternate.
@@ -41,7 +40,6 @@ def test_a_wave_whose_shift_is_broken_is_told_from_one():
     assert found.summary()["wave"] == found.wave.words
 
 
-@pytest.mark.full
 def test_a_distance_that_rounding_hides_has_no_growth():
     # Critically damped blades, which never touch, forget by exp(-23) a period: 1e-7 of their size to below 1e-16.
     heavy = ["shroud.gap=1m", "blades.c_x=178", "drive.omega=300"]
@@ -51,17 +49,14 @@ def test_a_distance_that_rounding_hides_has_no_growth():
 
 
 @pytest.mark.release
-@pytest.mark.full
 def test_a_row_that_mistuning_breaks_is_no_wave(tmp_path, capsys):
-    words = [arg for pair in (*RING, "blades.c_x=40", "row.mistuning=[0.05, 0, -0.02]") for arg in ("--set", pair)]
-    steps = ["--tableau", "rk4", "--steps-per-period", "100", "--out", str(tmp_path / "out")]
-    assert cli.main(["diagnose", "row_ring12", *words, *steps]) == 0
+    changes = sets(*RING, "blades.c_x=40", "row.mistuning=[0.05, 0, -0.02]")
+    run(f"diagnose row_ring12 {changes} --tableau rk4 --steps-per-period 100 --out {tmp_path}/out")
     assert "period 1" in (told := capsys.readouterr().out)
     assert "travelling wave of period 1" not in told
     assert (tmp_path / "out" / "diagnosis.png").stat().st_size > 10_000
 
 
-@pytest.mark.full
 def test_the_exponent_of_a_chain_of_two_is_that_of_the_pair():
     pair = ['parts.motion=["x"]', 'blades.I="block"', "contact.gamma=2.6", "drive.F_0=60", "drive.M_0=0.3"]
     chain = ['parts.motion=["x"]', "row.blades=2", "row.closed=false", "drive.engine_order=1"]

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from command_line import run
 
 import jaxshroud as js
-from jaxshroud.cli import commands as cli
 from jaxshroud.scene.checks import InputError
 
 IN_X = 'parts.motion=["x"]'
@@ -49,7 +49,7 @@ def test_the_advice_of_a_row_is_on_all_of_its_interfaces():
 
 @pytest.mark.full
 def test_the_command_tells_the_events_of_all_interfaces(capsys):
-    assert cli.main(["explain", "row_chain5", "--set", IN_X, "--steps-per-period", "200"]) == 0
+    run("explain row_chain5 --set parts.motion=[x] --steps-per-period 200")
     lines = capsys.readouterr().out
     assert "5 blades, 4 interfaces" in lines
     assert "at 4 interfaces, 8 in all" in lines

@@ -1,13 +1,13 @@
 """Forces, friction's work and impacts at the interfaces of rows: those of the pair, and of plain sums over samples."""
 
-import json
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+from command_line import read_json, run, sets
+from row_runs import CHAIN_OF_TWO, PAIR
 
 import jaxshroud as js
-from jaxshroud.cli import commands as cli
 from jaxshroud.io.variable import Variable
 from jaxshroud.model.modes import Status
 from jaxshroud.results.amplitudes import WithLoads
@@ -15,8 +15,6 @@ from jaxshroud.results.amplitudes import WithLoads
 pytestmark = pytest.mark.full
 
 IN_X = 'parts.motion=["x"]'
-CHAIN = ["row.blades=2", "row.closed=false", "drive.engine_order=1"]
-PAIR = ['blades.I="block"', "contact.gamma=2.6", "drive.F_0=60", "drive.M_0=0.3", 'drive.phase=["0 deg", "180 deg"]']
 HOW = {"n_periods": 4, "transient": 2, "method": js.RungeKutta("rk4", steps=200)}
 ALL_KEPT = {"ledger": True, "forces": True, "amplitudes": True}
 LOADS = [name for name, one in vars(WithLoads).items() if isinstance(one, Variable)]
@@ -24,7 +22,7 @@ LOADS = [name for name, one in vars(WithLoads).items() if isinstance(one, Variab
 
 def chain_and_pair(designs, how, *more):
     """The same designs as chains of two and as pairs, swept."""
-    scenes = js.load("row_ring12", [*CHAIN, *more]).scene, js.load("table1", [*PAIR, *more]).scene
+    scenes = js.load("row_ring12", [*CHAIN_OF_TWO, *more]).scene, js.load("table1", [*PAIR, *more]).scene
     return [js.sweep(js.scenes_from(designs, scene), **ALL_KEPT, **how) for scene in scenes]
 
 
@@ -129,10 +127,10 @@ def plain_sums(run, scene, periods):
 
 def test_the_loads_of_a_ring_are_those_of_plain_sums_over_its_samples():
     scene = js.load("row_ring12", RING).scene
-    run = js.simulate(scene, every=1, **FINE)
+    sampled = js.simulate(scene, every=1, **FINE)
     got = js.sweep(scene, {"contact.k": [float(scene.k[0])]}, transient=0, forces=True, **FINE)
-    assert run.time_apart[1] == run.time_stick[2] == 1
-    want = plain_sums(run, scene, FINE["n_periods"])
+    assert sampled.time_apart[1] == sampled.time_stick[2] == 1
+    want = plain_sums(sampled, scene, FINE["n_periods"])
     # Samples miss the instants of events by up to a step: of second order where a force vanishes there, of first order
     # in the slip, which samples lose where contact begins and ends.
     far = {"slip": 1e-2, "friction_work": 5e-4, "archard": 5e-4}
@@ -146,15 +144,14 @@ def test_the_loads_of_a_ring_are_those_of_plain_sums_over_its_samples():
 
 
 def test_forces_of_rows_are_swept_at_the_command_line(tmp_path, capsys):
-    march = ["--tableau", "rk4", "--steps-per-period", "200", "--periods", "4", "--transient", "2"]
-    changes = [word for change in [IN_X, *CHAIN] for word in ("--set", change)]
-    along = ["--along", "contact.gamma", "--values", "2,3,4", "--forces", "--amplitudes", "--ledger"]
-    assert cli.main(["sweep", "row_ring12", *changes, *along, *march, "--out", str(tmp_path / "out")]) == 0
+    march = "--tableau rk4 --steps-per-period 200 --periods 4 --transient 2"
+    along = "--along contact.gamma --values 2,3,4 --forces --amplitudes --ledger"
+    run(f"sweep row_ring12 {sets(IN_X, *CHAIN_OF_TWO)} {along} {march} --out {tmp_path}/out")
     assert "largest normal force [N]" in capsys.readouterr().out
     found = js.open(tmp_path / "out" / "sweep.nc")
     assert found.F_max.shape == (3, 1)
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    summary = read_json(tmp_path / "out" / "summary.json")
     assert summary["largest friction force [N]"] == found.F_max.max()
     assert (tmp_path / "out" / "sweep.png").stat().st_size > 0
-    assert cli.main(["convert", str(tmp_path / "out" / "sweep.nc"), "--out", str(tmp_path / "lanes.csv")]) == 0
+    run(f"convert {tmp_path}/out/sweep.nc --out {tmp_path}/lanes.csv")
     assert "N_max[0] [N]" in (tmp_path / "lanes.csv").read_text().partition("\n")[0]

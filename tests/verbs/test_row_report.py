@@ -5,6 +5,8 @@ import sys
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from row_runs import CHAIN_OF_TWO, PAIR
 
 import jaxshroud as js
 from jaxshroud.march.method import FAST
@@ -14,10 +16,9 @@ from jaxshroud.verbs.arguments import plan_march, resolve_options
 from jaxshroud.verbs.attractors import row_motions
 
 METHOD = js.RungeKutta("dopri8", steps=100)
-RING = ["row.blades=3", "drive.engine_order=1", 'parts.motion=["x"]', "blades.c_x=40"]
+DAMPED = ['parts.motion=["x"]', "blades.c_x=40"]
+RING = ["row.blades=3", "drive.engine_order=1", *DAMPED]
 SHORT = {"n_periods": 2, "transient": 4, "method": METHOD}
-CHAIN = ['parts.motion=["x"]', "row.blades=2", "row.closed=false", "drive.engine_order=1", "blades.c_x=40"]
-PAIR = ['parts.motion=["x"]', 'blades.I="block"', "contact.gamma=2.6", "drive.F_0=60", "drive.M_0=0.3", "blades.c_x=40"]
 UNLIKE = "blades.m=[0.08,0.09]"
 
 
@@ -40,8 +41,8 @@ def swept_draws(scene, found):
 def test_draws_of_the_mistuning_are_patterns(scattered):
     scene, found = scattered
     assert found.keys == tuple(f"row.mistuning[{i}]" for i in range(3))
-    np.testing.assert_array_equal(found.high - found.low, 0.08)
-    np.testing.assert_array_equal(found.level, swept_draws(scene, found).P_d_worst)  # the same lanes, bit for bit
+    assert_array_equal(found.high - found.low, 0.08)
+    assert_array_equal(found.level, swept_draws(scene, found).P_d_worst)  # the same lanes, bit for bit
     assert np.ptp(found.drawn, axis=1).min() > 0  # no draw moves all blades alike
 
 
@@ -49,7 +50,7 @@ def test_draws_of_the_mistuning_are_patterns(scattered):
 def test_the_force_is_that_of_the_interface_where_it_is_largest(scattered):
     scene, found = scattered
     swept = swept_draws(scene, found)
-    np.testing.assert_array_equal(swept.interface_v_max.max(axis=-1), swept.v_max)
+    assert_array_equal(swept.interface_v_max.max(axis=-1), swept.v_max)
     forces = np.asarray(scene.k) * swept.interface_v_max
     assert found.N_max >= forces.max()  # of the mixed draws too
     # Control: the stiffest interface does not have the largest penetration, by far.
@@ -62,7 +63,7 @@ def test_the_force_is_that_of_the_interface_where_it_is_largest(scattered):
         (lambda: js.scatter(ring(), {"row.mistuning": 0.02}, of="x_mean", **SHORT), "its sign differs from blade to"),
         (lambda: js.scatter(ring(), {"row.mistuning": 2.0}, draws=2, **SHORT), "must be greater than -1"),
         (
-            lambda: js.report(js.load("table1", PAIR).scene, of="P_d_worst", **SHORT),
+            lambda: js.report(js.load("table1", DAMPED + PAIR).scene, of="P_d_worst", **SHORT),
             "the left one; take P_d",
         ),
         (lambda: js.report(ring("drive.F_0=0"), **SHORT), "no blade of the row vibrates, and there is no P_d"),
@@ -100,7 +101,7 @@ def test_motions_of_a_row_are_told_apart_by_their_copies():
     assert 2 <= len(found.share) <= 4
     assert found.starts.sum() == np.sum(found.label >= 0) >= 8
     assert np.all(np.diff(found.starts) <= 0)
-    np.testing.assert_allclose(found.P_d, found.P_d[0], rtol=0, atol=1e-3)  # copies have one power, once settled
+    assert_allclose(found.P_d, found.P_d[0], rtol=0, atol=1e-3)  # copies have one power, once settled
     assert found.distance.min() > 0.1
     assert np.ptp(found.x_peak, axis=1).min() > 0.1 * found.x_peak.mean()  # control: no motion is the wave
 
@@ -115,9 +116,12 @@ def small(monkeypatch):
 @pytest.mark.release
 @pytest.mark.full
 def test_a_report_of_a_chain_of_two_has_the_numbers_of_the_pair(small, tmp_path):
-    chain, how = js.load("row_ring12", [*CHAIN, UNLIKE]), {"n_periods": 4, "transient": 32, "method": METHOD}
+    chain, how = (
+        js.load("row_ring12", [*DAMPED, *CHAIN_OF_TWO, UNLIKE]),
+        {"n_periods": 4, "transient": 32, "method": METHOD},
+    )
     pair = js.sweep(
-        js.load("table1", [*PAIR, UNLIKE]).scene, {"drive.F_0": [60.0]}, forces=True, amplitudes=True, **how
+        js.load("table1", [*DAMPED, *PAIR, UNLIKE]).scene, {"drive.F_0": [60.0]}, forces=True, amplitudes=True, **how
     )
     reductions, of_all = power_reduction(pair.P, pair.P_0)[0], power_reduction(pair.P.sum(), pair.P_0.sum())
     required = (reductions.min() + of_all) / 2
@@ -125,7 +129,7 @@ def test_a_report_of_a_chain_of_two_has_the_numbers_of_the_pair(small, tmp_path)
     found = js.report(chain, draws=2, starts=2, **asked, **how)
     # Rounding alone: sums are taken in another order.
     assert float(found.run.P_d_worst) == pytest.approx(reductions.min(), rel=1e-9)
-    np.testing.assert_allclose(found.run.x_peak, pair.x_peak[0], rtol=1e-9)
+    assert_allclose(found.run.x_peak, pair.x_peak[0], rtol=1e-9)
     run = found.diagnosis
     periods = (run.t.size - 1) / run.steps_per_period
     for got, want in ((run.slip[0], pair.slip), (run.loss_friction[0] / periods, pair.friction_work)):

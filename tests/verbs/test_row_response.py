@@ -5,9 +5,11 @@ from contextlib import redirect_stdout
 
 import numpy as np
 import pytest
+from command_line import refused, run, sets
+from numpy.testing import assert_allclose, assert_array_equal
+from row_runs import CHAIN_OF_TWO, PAIR
 
 import jaxshroud as js
-from jaxshroud.cli import commands as cli
 from jaxshroud.cli.orbits import _blades_text
 from jaxshroud.plotting.plot_amplitude import BROKEN_STYLE
 from jaxshroud.plotting.plot_branch import MARKERS
@@ -17,13 +19,9 @@ from jaxshroud.verbs.response import _places
 
 METHOD = js.RungeKutta("dopri8", steps=60)
 IN_X = 'parts.motion=["x"]'
-RING = [IN_X, "row.blades=4", "drive.engine_order=1", "blades.c_x=40"]
+DAMPED = [IN_X, "blades.c_x=40"]
+RING = [*DAMPED, "row.blades=4", "drive.engine_order=1"]
 STUCK = [*RING, "shroud.gap=-1mm", "drive.F_0=6"]  # pressed together so that no face parts or slips
-CHAIN = [IN_X, "row.blades=2", "row.closed=false", "drive.engine_order=1", "blades.c_x=40"]
-PAIR = [
-    *(IN_X, 'blades.I="block"', "contact.gamma=2.6", "drive.F_0=60", "drive.M_0=0.3", "blades.c_x=40"),
-    'drive.phase=["0 deg", "180 deg"]',
-]
 SHORT = {"n_periods": 4, "transient": 40, "method": METHOD}
 
 
@@ -47,11 +45,10 @@ def oscillator(scene, diameter, share=1.0):
 def stuck(tmp_path_factory):
     """What the command prints of a ring that sticks, and its result; the amplitude is the root mean square."""
     out, printed = tmp_path_factory.mktemp("stuck") / "out", io.StringIO()
-    sets = [word for one in STUCK for word in ("--set", one)]
-    words = ["response", "row_ring12", *sets, "--start", "3200", "--stop", "3850", "--num", "2"]
-    march = ["--tableau", "dopri8", "--steps-per-period", "60", "--periods", "4", "--transient", "40"]
+    along = "--start 3200 --stop 3850 --num 2 --of x_rms --doublings 0"
+    march = "--tableau dopri8 --steps-per-period 60 --periods 4 --transient 40"
     with redirect_stdout(printed):
-        assert cli.main([*words, *march, "--of", "x_rms", "--doublings", "0", "--out", str(out)]) == 0
+        run(f"response row_ring12 {sets(*STUCK)} {along} {march} --out {out}")
     return printed.getvalue(), js.open(out / "response.nc")
 
 
@@ -104,31 +101,31 @@ def test_a_mistuned_ring_apart_peaks_where_its_softest_blade_does():
 @pytest.fixture(scope="module")
 def chain():
     along = ("contact.gamma", 2.0, 3.0)
-    return js.response(js.load("row_ring12", CHAIN).scene, *along, num=3, most_points=8, **SHORT)
+    return js.response(js.load("row_ring12", DAMPED + CHAIN_OF_TWO).scene, *along, num=3, most_points=8, **SHORT)
 
 
 @pytest.mark.release
 @pytest.mark.full
 def test_a_chain_of_two_responds_like_the_pair(chain):
     pair = js.response(
-        js.load("table1", PAIR).scene, "contact.gamma", 2.0, 3.0, num=3, most_points=8, doublings=1, **SHORT
+        js.load("table1", DAMPED + PAIR).scene, "contact.gamma", 2.0, 3.0, num=3, most_points=8, doublings=1, **SHORT
     )
     assert len(chain.peaks) == len(pair.peaks)
     ours, theirs = chain.branch(), pair.branch()
     # Both close to 1e-9, and their steps are the same.
-    np.testing.assert_allclose(ours.value, theirs.value, rtol=1e-7)
-    np.testing.assert_allclose(ours.x_peak, theirs.x_peak, rtol=1e-7)
+    assert_allclose(ours.value, theirs.value, rtol=1e-7)
+    assert_allclose(ours.x_peak, theirs.x_peak, rtol=1e-7)
     assert ours.ends == theirs.ends
-    np.testing.assert_allclose(chain.free_amplitude, pair.free_amplitude, rtol=1e-12)
+    assert_allclose(chain.free_amplitude, pair.free_amplitude, rtol=1e-12)
     # P_d of a row is that of both blades: in anti-phase that of the left one. Control: not that of the other end.
-    np.testing.assert_allclose(ours.P_d, theirs.P_d, rtol=1e-7)
+    assert_allclose(ours.P_d, theirs.P_d, rtol=1e-7)
     assert abs(ours.P_d[0] / theirs.P_d[-1] - 1) > 1e-3
 
 
 def test_the_amplitude_of_a_row_is_that_of_its_largest_blade():
     levels = np.array([[1.0, 3.0, 2.0], [4.0, 1.0, np.nan]])
-    np.testing.assert_array_equal(counted_amplitude(levels, layout.row_layout(3, closed=True)), [3.0, np.nan])
-    np.testing.assert_array_equal(counted_amplitude(levels, layout.PAIR), [1.0, 4.0])
+    assert_array_equal(counted_amplitude(levels, layout.row_layout(3, closed=True)), [3.0, np.nan])
+    assert_array_equal(counted_amplitude(levels, layout.PAIR), [1.0, 4.0])
 
 
 @pytest.fixture(scope="module")
@@ -152,7 +149,7 @@ def test_a_broken_branch_is_followed_to_where_sweeps_settle(broken):
     # Both branches end at the last value, where the sweeps from rest and upwards are on the broken one.
     wave, last = (branch.x_peak[points[-1]] for points in (waves, others))
     settled = counted_amplitude(swept.x_peak, layout.row_layout(swept.x_peak.shape[-1], closed=True))[:2, -1]
-    np.testing.assert_allclose(settled, last.max(), rtol=1e-3)  # what is left of the transient
+    assert_allclose(settled, last.max(), rtol=1e-3)  # what is left of the transient
     # Controls: neither the wave nor the mean of all blades is there.
     assert abs(wave.max() / last.max() - 1) > 0.1
     assert abs(last.mean() / last.max() - 1) > 0.1
@@ -160,15 +157,14 @@ def test_a_broken_branch_is_followed_to_where_sweeps_settle(broken):
 
 @pytest.mark.release
 @pytest.mark.full
-def test_the_response_of_a_row_is_stored_and_drawn_again(broken, tmp_path):
-    broken.save(tmp_path / "response.nc")
-    again = js.open(tmp_path / "response.nc")
+def test_the_response_of_a_row_is_stored_and_drawn_again(broken, reopened):
+    again = reopened(broken)
     assert again.summary() == broken.summary()
     ours, theirs = again.branch(), broken.branch()
     assert isinstance(ours, js.Branch)
     assert (ours.ends, ours.special, ours.summary()) == (theirs.ends, theirs.special, theirs.summary())
     for name in ("P_d_worst", "wave_multipliers", "x_peak", "u_s"):
-        np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
+        assert_array_equal(getattr(ours, name), getattr(theirs, name))
     assert len(ours.plot().axes) == 3
     amplitude, _ = again.plot().axes
     assert amplitude.get_ylabel().startswith("largest amplitude of $x$")
@@ -178,8 +174,8 @@ def test_the_response_of_a_row_is_stored_and_drawn_again(broken, tmp_path):
         line for line in amplitude.lines if line.get_marker() == MARKERS["localisation"][0] and line.get_xdata().size
     )
     (one,) = (one for one in ours.special if one.kind == "localisation")
-    np.testing.assert_allclose(mark.get_xdata(), one.value)
-    np.testing.assert_allclose(mark.get_ydata(), 1e3 * ours.x_peak[one.point].max())  # mm
+    assert_allclose(mark.get_xdata(), one.value)
+    assert_allclose(mark.get_ydata(), 1e3 * ours.x_peak[one.point].max())  # mm
 
 
 @pytest.mark.full
@@ -198,13 +194,11 @@ def test_a_wave_is_begun_with_where_there_is_one(broken):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--set", "parts.contact=none"], "many single blades"),
-        (["--over", "shroud.gap[9]=1um"], "shroud.gap[9]"),
-        (["--at", "5000"], "drive.omega"),
+        ("--set parts.contact=none", "many single blades"),
+        ("--over shroud.gap[9]=1um", "shroud.gap[9]"),
+        ("--at 5000", "drive.omega"),
     ],
 )
 def test_what_a_row_cannot_do_is_refused_in_one_line(words, told, tmp_path, capsys):
-    sets = [word for one in RING for word in ("--set", one)]
-    line = ["response", "row_ring12", *sets, "--start", "500", "--stop", "600", "--num", "2", *words]
-    assert cli.main([*line, "--out", str(tmp_path / "out")]) == 2
-    assert told in capsys.readouterr().err.splitlines()[-1]
+    line = f"response row_ring12 {sets(*RING)} --start 500 --stop 600 --num 2 {words} --out {tmp_path}/out"
+    assert told in refused(capsys, line)

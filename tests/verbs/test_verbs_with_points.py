@@ -8,6 +8,8 @@ import jaxshroud as js
 from jaxshroud.plotting.run_data import places_of_points
 from jaxshroud.verbs.gradient import differences
 
+pytestmark = pytest.mark.full
+
 IN_X = ('parts.motion=["x"]', "blades.c_x=40")
 LISTED = ('contact.points=["-15 mm", "17 mm"]', "contact.shares=[0.4, 0.6]")
 METHOD = js.RungeKutta("rk4", steps=200)
@@ -19,30 +21,26 @@ def scene():
     return js.load("table1", [*IN_X, *LISTED]).scene
 
 
-@pytest.mark.full
-def test_an_orbit_has_a_slider_at_each_point(scene, tmp_path):
+def test_an_orbit_has_a_slider_at_each_point(scene, reopened):
     found = js.orbit(scene, method=METHOD)
     assert not found.flags
     assert found.multipliers.shape == (14,)
     assert list(found.data["component"].to_numpy()[-2:]) == ["slider_0", "slider_1"]
     exact, quotients = js.gradient(scene, WRT, orbit=found).value, differences(found, WRT, 1e-4)
     np.testing.assert_allclose([exact[key] for key in WRT], [quotients[key] for key in WRT], rtol=1e-6)
-    found.save(tmp_path / "orbit.nc")
-    start = js.open(tmp_path / "orbit.nc").start
+    start = reopened(found).start
     assert start.u_s.shape == start.mode.shape == (2,)
     exponents = js.lyapunov(scene, n_periods=8, transient=32, state=start, method=METHOD)
     assert abs(exponents.exponents[0] - np.log(abs(found.multipliers[0]))) < 0.05  # an average over eight periods
     assert exponents.last.u_s.shape == (2,)
 
 
-@pytest.mark.full
 def test_attractors_of_points(scene):
     found = js.attractors(scene, starts=4, method=METHOD)
     assert found.period_number.tolist() == [1]
     assert found.point_mode.shape == (1, 2)
 
 
-@pytest.mark.full
 def test_derivatives_inside_jax_are_those_of_differences(scene):
     how = {"n_periods": 2, "every": 50, "method": METHOD, "save": lambda at: at.N}
     largest = lambda gap: js.rollout(js.vary(scene, "shroud.gap", gap), **how).saved.max()
@@ -50,7 +48,6 @@ def test_derivatives_inside_jax_are_those_of_differences(scene):
     assert abs(slope / ((largest(22e-6 + 1e-10) - largest(22e-6 - 1e-10)) / 2e-10) - 1) < 1e-6
 
 
-@pytest.mark.full
 def test_pictures_show_each_point(tmp_path):
     scene = js.load("table1", ["blades.I=2.46e-5", "drive.M_0=0.3", *LISTED])
     run = js.simulate(scene, n_periods=2, every=4, method=METHOD)
