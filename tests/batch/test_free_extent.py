@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import jaxshroud as js
 
@@ -29,7 +30,7 @@ def test_a_march_that_never_touches_has_the_closed_form(scene):
     marched, coarse = amplitudes(scene, 1, method=SERIES), amplitudes(scene, 1, method=js.RungeKutta(steps=200))
     for name, a in exact.items():
         size = exact[f"{name.partition('_')[0]}_peak"].max()
-        np.testing.assert_allclose(marched[name], a, rtol=0, atol=1e-10 * size, err_msg=name)
+        assert_allclose(marched[name], a, rtol=0, atol=1e-10 * size, err_msg=name)
     # Control: steps of RK4 that suit contact miss it by ten thousand tolerances.
     assert np.max(np.abs(coarse["y_peak"] - exact["y_peak"])) > 1e-6 * exact["y_peak"].max()
 
@@ -40,8 +41,8 @@ def test_in_the_long_run_the_closed_form_is_the_steady_response():
     late, early = amplitudes(scene, 2000), amplitudes(scene, 1)
     for q in ("x", "y", "theta"):
         free = late[f"{q}_free"]
-        np.testing.assert_allclose(late[f"{q}_peak"], free, rtol=1e-11)
-        np.testing.assert_allclose(late[f"{q}_rms"], free / np.sqrt(2), rtol=1e-11)
-        np.testing.assert_allclose(late[f"{q}_mean"], 0, rtol=0, atol=1e-11 * free.max())
+        assert_allclose(late[f"{q}_peak"], free, rtol=1e-11)
+        assert_allclose(late[f"{q}_rms"], free / np.sqrt(2), rtol=1e-11)
+        assert_allclose(late[f"{q}_mean"], 0, rtol=0, atol=1e-11 * free.max())
         # Control: the transient is no steady response.
         assert np.max(np.abs(early[f"{q}_peak"] / free - 1)) > 1e-3

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from quotients import quotients
 from side_by_side import with_parts
 
@@ -115,8 +116,8 @@ def test_what_is_told_of_events_is_what_samples_show(method):
     crossed = turned & (turn[:-1] * turn[1:] < 0)
     assert touches.sum() > 3
     assert crossed.sum() == turned.sum() > 0  # by the turn alone, here
-    np.testing.assert_allclose(run.slowest_onset, np.diff(v)[touches].min() / h, rtol=1e-2)
-    np.testing.assert_allclose(run.slowest_switch, np.abs(np.diff(turn))[crossed].min() / h * lever, rtol=1e-2)
+    assert_allclose(run.slowest_onset, np.diff(v)[touches].min() / h, rtol=1e-2)
+    assert_allclose(run.slowest_switch, np.abs(np.diff(turn))[crossed].min() / h * lever, rtol=1e-2)
 
 
 def test_bounds_and_samples_that_cannot_be_are_refused():
@@ -139,7 +140,7 @@ def test_a_sweep_function_tells_the_vibration_alone():
     x = run.motion.x[-2 * STEPS :, 0]
     of_vibration, of_all = np.var(x), np.mean(x**2)
     share = (100 - found.P_d_vibration[0]) / (100 - found.P_d[0])
-    np.testing.assert_allclose(share, of_vibration / of_all, rtol=1e-5)
+    assert_allclose(share, of_vibration / of_all, rtol=1e-5)
     assert share < 0.9
 
 
@@ -155,7 +156,7 @@ f, lanes = js.sweep_function(2, 1, js.RungeKutta(steps=200)), PartitionSpec("lan
 mesh = jax.make_mesh((2,), ("lanes",), axis_types=(jax.sharding.AxisType.Auto,))
 shared = jax.jit(jax.shard_map(f, mesh=mesh, in_specs=(lanes,), out_specs=lanes, check_vma=False))(scenes)
 assert len(shared.P.devices()) == 2
-np.testing.assert_allclose(shared.motion.x, f(scenes).motion.x, rtol=1e-9)
+assert_allclose(shared.motion.x, f(scenes).motion.x, rtol=1e-9)
 """
 
 

@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import jaxshroud as js
 from jaxshroud.model.linear import area
@@ -35,9 +36,9 @@ def test_a_rollout_of_a_row_has_the_numbers_of_simulate(ring, rolled):
     assert np.all(rolled.status == Status.OK)
     # With derivatives, events of one instant are crossed one after the other: to the error of these steps.
     for got, want in ((saved.state.motion.x, run.motion.x), (saved.N, run.N), (saved.F, run.F), (saved.u, run.u)):
-        np.testing.assert_allclose(got, want[1:], rtol=0, atol=1e-7 * np.abs(want).max())
-    np.testing.assert_array_equal(saved.state.mode, run.mode[1:])
-    np.testing.assert_allclose(saved.t, run.t[1:], rtol=1e-15)
+        assert_allclose(got, want[1:], rtol=0, atol=1e-7 * np.abs(want).max())
+    assert_array_equal(saved.state.mode, run.mode[1:])
+    assert_allclose(saved.t, run.t[1:], rtol=1e-15)
     counted = {name: count for name, count in run.counters.items() if name != "grazing"}  # of onsets, counted already
     assert rolled.events[0] == sum(map(np.sum, counted.values())) > 0
     assert 0 < rolled.slowest_onset[0] < np.abs(run.motion.v_x).max() * 2
@@ -52,15 +53,15 @@ def test_functions_of_rows_have_the_numbers_of_sweep(ring, rolled):
     found = jax.vmap(lambda omega: function(js.vary(scenes, "drive.omega", omega)))(omega)
     got = jax.tree.map(lambda a: np.asarray(a)[0], found)
     # The same kernels; means of two periods are summed in another order, and the closed form is fused otherwise.
-    np.testing.assert_array_equal(got.motion.x, swept.motion.x)
-    np.testing.assert_allclose(got.P_0, swept.P_0, rtol=1e-15)
-    np.testing.assert_allclose(got.P, swept.P, rtol=1e-14)
-    np.testing.assert_allclose(got.P_d, swept.P_d, rtol=1e-14)
-    np.testing.assert_allclose(got.P_d_vibration, swept.P_d_vibration, rtol=1e-13)
+    assert_array_equal(got.motion.x, swept.motion.x)
+    assert_allclose(got.P_0, swept.P_0, rtol=1e-15)
+    assert_allclose(got.P, swept.P, rtol=1e-14)
+    assert_allclose(got.P_d, swept.P_d, rtol=1e-14)
+    assert_allclose(got.P_d_vibration, swept.P_d_vibration, rtol=1e-13)
     assert np.all(got.status == Status.OK)
     assert found.status[1].tolist() == [Status.OK, Status.BAD_INPUT, Status.OK]  # the others go on
     per_gap = js.sweep(ring, {"shroud.gap": GAPS}, n_periods=3, transient=0, method=RK4)
-    np.testing.assert_allclose(area(ring.shroud) * rolled.power, per_gap.P, rtol=1e-7)
+    assert_allclose(area(ring.shroud) * rolled.power, per_gap.P, rtol=1e-7)
 
 
 def test_unstable_steps_of_a_row_are_bad_input(ring):
@@ -97,7 +98,7 @@ def test_derivatives_of_rows_are_differences(ring, derivative, of_sweep):
 def test_a_bound_of_trials_of_a_row_is_enough_nearby_and_running_out_is_a_status(ring):
     most = js.most_trials(ring, 2, method=RK4)
     free, bounded = (js.rollout(ring, None, 2, every=10, method=RK4, most_trials=n) for n in (None, most))
-    np.testing.assert_array_equal(bounded.saved.N, free.saved.N)
+    assert_array_equal(bounded.saved.N, free.saved.N)
     assert js.rollout(ring, None, 2, every=10, method=RK4, most_trials=most // 4).status == Status.OUT_OF_TRIALS
 
 
@@ -105,8 +106,8 @@ def test_a_bound_of_trials_of_a_row_is_enough_nearby_and_running_out_is_a_status
 def test_the_period_map_of_a_row_is_its_rollout(ring):
     start = js.rollout(ring, None, 1, method=RK4).state
     mapped, rolled = js.period_map(ring, start, method=RK4), js.rollout(ring, start, 1, method=RK4)
-    np.testing.assert_array_equal(mapped.state.motion.x, rolled.state.motion.x)
-    np.testing.assert_array_equal(mapped.power, rolled.power)
+    assert_array_equal(mapped.state.motion.x, rolled.state.motion.x)
+    assert_array_equal(mapped.power, rolled.power)
 
 
 def test_what_pure_functions_of_rows_refuse(ring):

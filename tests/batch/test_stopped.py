@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import jaxshroud as js
 from jaxshroud.march.stability import step_limits, stiffest
@@ -86,9 +87,9 @@ def check_masks(run, scene, lanes, statuses):
             assert np.all(np.isnan(told)), told
             continue
         # Sums of the same numbers, in reverse mode in another order.
-        np.testing.assert_allclose(told[1], told[2], rtol=1e-10)
+        assert_allclose(told[1], told[2], rtol=1e-10)
         if mask == "where":
-            np.testing.assert_allclose(told, np.array(alone) / len(lanes), rtol=1e-10)
+            assert_allclose(told, np.array(alone) / len(lanes), rtol=1e-10)
 
 
 @pytest.mark.release
@@ -111,7 +112,7 @@ def test_unstable_steps_are_bad_input_and_coarse_ones_are_told(run):
     limit = step_limits(RK4)[1]
     for i in range(3):
         omega_max, period = stiffest(jax.tree.map(lambda a, i=i: np.asarray(a)[i], scenes), 0)
-        np.testing.assert_allclose(out.coarseness[i], omega_max * period / STEPS / limit, rtol=1e-12)
+        assert_allclose(out.coarseness[i], omega_max * period / STEPS / limit, rtol=1e-12)
     assert out.coarseness[0] < 1 < out.coarseness[1]
 
 
@@ -154,7 +155,7 @@ def test_a_mask_inside_of_save_counts():
 
     gap = jnp.asarray(22e-6)
     value, forward, mode = jax.jvp(loss, (gap,), (jnp.ones_like(gap),), has_aux=True)
-    np.testing.assert_allclose(jax.grad(loss, has_aux=True)(gap)[0], forward, rtol=1e-10)
+    assert_allclose(jax.grad(loss, has_aux=True)(gap)[0], forward, rtol=1e-10)
     assert np.isfinite(value)
     assert np.isfinite(forward)
     assert mode.dtype == jnp.int32

@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from jaxshroud.cache import key as keys
 from jaxshroud.cache import programs as module
@@ -61,9 +62,9 @@ def test_a_program_is_loaded_and_not_traced(folder):
     first = new_process()(X)
     assert len(entries(folder)) == 1
     assert is_loaded()
-    np.testing.assert_array_equal(new_process()(X), first)
+    assert_array_equal(new_process()(X), first)
     keep_programs(None)
-    np.testing.assert_array_equal(new_process()(X), first)  # the same bits without
+    assert_array_equal(new_process()(X), first)  # the same bits without
     assert not is_loaded()
 
 
@@ -93,7 +94,7 @@ def test_trees_come_back_as_they_are(folder):
     first, again = tree()(X), tree()(X)
     assert jax.tree.structure(first) == jax.tree.structure(again)
     for one, other in zip(jax.tree.leaves(first), jax.tree.leaves(again), strict=True):
-        np.testing.assert_array_equal(one, other)
+        assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize("changed", ["source", "version", "processor", "device", "x64", "flags"])
@@ -135,10 +136,10 @@ def test_sources_are_read(tmp_path, monkeypatch):
 
 def test_what_is_not_of_the_package_is_not_kept(folder):
     foreign = kept()(lambda x: 2 * x)  # its source is not part of the key
-    np.testing.assert_array_equal(foreign(X), 2 * X)
+    assert_array_equal(foreign(X), 2 * X)
     own = lambda x, how: how(x)
     own.__module__ = "jaxshroud.programs.example"
-    np.testing.assert_array_equal(kept("how")(own)(X, how=jnp.negative), -X)  # a function as a static argument
+    assert_array_equal(kept("how")(own)(X, how=jnp.negative), -X)  # a function as a static argument
     assert not entries(folder)
 
 
@@ -282,7 +283,7 @@ def test_a_program_that_cannot_run_is_compiled_anew(folder, caplog, monkeypatch)
 
     monkeypatch.setattr(module, "_program_of", lambda loaded: failing)
     with caplog.at_level(logging.WARNING):
-        np.testing.assert_array_equal(new_process()(X), np.sin(X) ** 2)
+        assert_array_equal(new_process()(X), np.sin(X) ** 2)
     assert "NOT_FOUND" in caplog.text
 
 
@@ -311,7 +312,7 @@ def test_a_command_loads_what_it_used_last_time_on_a_thread(folder, monkeypatch)
         for thread in threading.enumerate():
             if thread is not threading.main_thread() and getattr(thread, "_target", None) == module._prefetcher._run:
                 thread.join()
-        np.testing.assert_array_equal(new_process(jnp.cos)(X), first)  # loaded, and not traced
+        assert_array_equal(new_process(jnp.cos)(X), first)  # loaded, and not traced
         assert (threads[entry.stem] is not threading.main_thread()) is ahead
         stop_prefetch()
 
@@ -325,13 +326,13 @@ def test_a_list_of_programs_that_are_gone_or_damaged_does_no_harm(folder, caplog
         if entry.stem in module._prefetcher.used:
             entry.unlink()
     prefetch("example")
-    np.testing.assert_array_equal(new_process()(X), first)
+    assert_array_equal(new_process()(X), first)
     stop_prefetch()
     for entry in entries(folder):
         entry.write_bytes(entry.read_bytes()[:-1])  # the list too
     with caplog.at_level(logging.WARNING):
         prefetch("example")
-        np.testing.assert_array_equal(new_process()(X), first)
+        assert_array_equal(new_process()(X), first)
         stop_prefetch()
     assert "compiled anew" in caplog.text
 
@@ -351,15 +352,15 @@ def test_nothing_is_kept_where_it_cannot_be_written(folder, caplog, monkeypatch)
 
     monkeypatch.setattr(store_module, "write_whole", full)
     with caplog.at_level(logging.WARNING):
-        np.testing.assert_array_equal(new_process()(X), np.sin(X) ** 2)
+        assert_array_equal(new_process()(X), np.sin(X) ** 2)
     assert "No space left" in caplog.text
     assert not entries(folder)
 
 
 def test_inside_a_transformation_the_function_is_traced(folder):
     f = new_process()
-    np.testing.assert_allclose(jax.jit(f)(X), np.sin(X) ** 2)
-    np.testing.assert_allclose(jax.grad(f)(0.5), 2 * np.sin(0.5) * np.cos(0.5))
+    assert_allclose(jax.jit(f)(X), np.sin(X) ** 2)
+    assert_allclose(jax.grad(f)(0.5), 2 * np.sin(0.5) * np.cos(0.5))
     assert not entries(folder)
 
 

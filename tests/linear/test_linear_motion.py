@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
@@ -42,7 +43,7 @@ def test_the_closed_form_is_where_the_march_settles(name, settings):
     marched, slid = (js.power(one, **how) for one in (scene, js.vary(scene, "friction.mu", 0.0)))
     found = closed(scene)
     # The transient has faded by exp(-0.02 * 2 * 10^3 * 3) and the march's step leaves some 1e-13.
-    np.testing.assert_allclose(numbers(found, *NAMES), numbers(marched, *NAMES), rtol=1e-9, atol=1e-18)
+    assert_allclose(numbers(found, *NAMES), numbers(marched, *NAMES), rtol=1e-9, atol=1e-18)
     assert not np.allclose(numbers(slid, "x_rms"), numbers(found, "x_rms"), rtol=1e-3)  # the control: without friction
 
 
@@ -75,13 +76,13 @@ def test_derivatives_are_those_of_the_closed_form():
         h, level = 1e-3 * abs(value), lambda at: numbers(closed(js.vary(scene, key, at)), "x_peak")[0]  # noqa: B023
         slope = np.dot([1, -8, 8, -1], [level(value + i * h) for i in (-2, -1, 1, 2)]) / (12 * h)
         # differences of fourth order miss some 1e-9 of the slope, and rounding 1e-13 of the level over h
-        np.testing.assert_allclose(found.value[key], slope, rtol=1e-6, atol=1e-10 * found.level / abs(value))
+        assert_allclose(found.value[key], slope, rtol=1e-6, atol=1e-10 * found.level / abs(value))
 
 
 def test_apart_blades_move_as_without_contact():
     scene = js.load("table1", ['parts.motion=["x","y"]', "shroud.gap=3 mm", "drive.M_0=0"]).scene
     found = js.power(scene, **SHORT, linear="apart", amplitudes=True)
-    np.testing.assert_allclose(found.final["P"], found.final["P_0"], rtol=1e-12)
+    assert_allclose(found.final["P"], found.final["P_0"], rtol=1e-12)
     assert found.final["status"] == Status.OK
     with pytest.warns(js.LaneWarning, match="NOT_LINEAR"):
         js.power(js.vary(scene, "shroud.gap", 1e-5), **SHORT, linear="apart")
@@ -92,10 +93,10 @@ def test_tuning_and_tables_take_the_closed_form():
     scene = stuck()
     found = js.tune(scene, {"contact.gamma": (1.0, 4.0)}, linear="stuck", search=js.SearchOptions(4, 1, 2), **SHORT)
     best = js.power(js.vary(scene, "contact.gamma", found.design["contact.gamma"]), linear="stuck", **SHORT)
-    np.testing.assert_allclose(found.objective, best.final["P_d_vibration"], rtol=1e-12)
+    assert_allclose(found.objective, best.final["P_d_vibration"], rtol=1e-12)
     assert 'contact = "stuck"' in found.scene
     rows = js.table(scene, {"contact.gamma": [1.0, 2.5]}, linear="stuck", **SHORT)
-    np.testing.assert_allclose(rows.x_peak[1], numbers(closed(scene), "x_peak"), rtol=1e-12)
+    assert_allclose(rows.x_peak[1], numbers(closed(scene), "x_peak"), rtol=1e-12)
 
 
 @pytest.mark.full
@@ -173,8 +174,8 @@ def test_a_tuned_ring_swings_as_the_smallest_ring_that_does():
     for name in ("displacement", "power", "second", "highest", "N", "N_max", "F_max"):
         one, other = getattr(own, name), getattr(whole, name)
         assert one.shape == other.shape
-        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(other).max())  # rounding
-    np.testing.assert_allclose(own.margins.slip, whole.margins.slip, rtol=1e-12)
+        assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(other).max())  # rounding
+    assert_allclose(own.margins.slip, whole.margins.slip, rtol=1e-12)
 
 
 @pytest.mark.full

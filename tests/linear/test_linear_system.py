@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import jaxshroud as js
 from jaxshroud.linear.held_contact import held_contact
@@ -35,7 +36,7 @@ def test_the_stiffness_between_blades_is_that_by_hand(settings, between):
     stiffness = free_system(js.load("row_ring12", settings).scene).stiffness
     by_hand = np.diag(np.repeat([K_X, K_Y, K_T], 3))
     by_hand[:3, :3] += between
-    np.testing.assert_allclose(stiffness, by_hand, **EXACT)
+    assert_allclose(stiffness, by_hand, **EXACT)
     symmetric = (by_hand + by_hand.T) / 2
     assert (between == FLOW) == (np.abs(stiffness - symmetric).max() > 100)  # the control: a flow taken as symmetric
 
@@ -53,15 +54,15 @@ def test_the_stiffness_of_contact_is_that_by_hand(name, places):
             K += (np.outer(v, v) + 1e6 / float(scene.k) * np.outer(u, u)) / len(places)
         return K
 
-    np.testing.assert_allclose(found, by_hand(places), **EXACT)
+    assert_allclose(found, by_hand(places), **EXACT)
     for wrong in (by_hand(places, -1.0), by_hand([1, -1] if len(places) == 1 else [1])):  # of theta's sign, a corner
         assert np.abs(found - wrong).max() > 1e-3
 
 
 def test_nothing_sticks_without_a_friction_element():
     rubs, plain = (linear_contact(js.load("table1", [f"parts.friction={name}"]).scene) for name in ("bilinear", "none"))
-    np.testing.assert_array_equal(plain.stuck, plain.sliding)
-    np.testing.assert_array_equal(plain.sliding, rubs.sliding)
+    assert_array_equal(plain.stuck, plain.sliding)
+    assert_array_equal(plain.sliding, rubs.sliding)
     assert np.abs(rubs.stuck - rubs.sliding).max() > 1e5  # the control: k_d
 
 
@@ -69,8 +70,8 @@ def test_flat_faces_turn_as_one():
     moves = np.ones(9, bool)
     one, none = directions(moves, np.array([[True, True], [False, False]]), closed=False)
     turns = np.array([0, 0, 0, 0, 0, 0, 1.0, 1, 1])
-    np.testing.assert_array_equal(one[:, one.any(axis=0)], np.column_stack([np.eye(9)[:, :6], turns]))
-    np.testing.assert_array_equal(none, np.eye(9))  # the control: no constraint
+    assert_array_equal(one[:, one.any(axis=0)], np.column_stack([np.eye(9)[:, :6], turns]))
+    assert_array_equal(none, np.eye(9))  # the control: no constraint
     moves[-1] = False  # a rigid neighbour holds what lies flat on it
     assert not directions(moves, np.array([[True, True]]), closed=False)[0, 6:].any()
 
@@ -97,14 +98,14 @@ def test_multipliers_of_flat_faces_are_those_of_five_coordinates():
     u_s = stretches(q)[1]
     mass = np.array([0.08] * 4 + [2 * 2.46e-3])
     own = np.array([K_X, K_X, K_Y, K_Y, 2 * K_T])
-    np.testing.assert_allclose(jax.grad(energy)(q), -own * q, rtol=0, atol=1e-11 * np.abs(own * q).max())
+    assert_allclose(jax.grad(energy)(q), -own * q, rtol=0, atol=1e-11 * np.abs(own * q).max())
     K = np.diag(own) + jax.hessian(energy)(q)
     C = np.diag([3.57, 3.57, 19.6, 19.6, 2 * 0.506])
     rates = np.block([[np.zeros((5, 5)), np.eye(5)], [-K / mass[:, None], -C / mass]])
     by_hand = np.exp(2 * np.pi / 536.0 * np.linalg.eigvals(rates))
     found = linear_multipliers(lane, held)[0]
     found = found[np.abs(found) > 0]  # the angle between the blocks has none
-    np.testing.assert_allclose(np.sort_complex(found), np.sort_complex(by_hand), rtol=0, atol=1e-9)
+    assert_allclose(np.sort_complex(found), np.sort_complex(by_hand), rtol=0, atol=1e-9)
 
 
 PLAIN, TURNS = ['parts.motion=["x","y"]', "drive.M_0=0"], ["drive.M_0=0.01"]
@@ -139,7 +140,7 @@ def test_closed_answers_are_the_stored_ones(name):
         for i, found in enumerate(answers(*SCENES[name])):
             known = stored[f"{name} {i}"]
             finite = np.isfinite(known)
-            np.testing.assert_array_equal(finite, np.isfinite(found))
+            assert_array_equal(finite, np.isfinite(found))
             if finite.any():  # to rounding, of the largest number of the kind
                 largest = np.abs(known[finite]).max()
-                np.testing.assert_allclose(found[finite], known[finite], rtol=0, atol=1e-10 * largest)
+                assert_allclose(found[finite], known[finite], rtol=0, atol=1e-10 * largest)

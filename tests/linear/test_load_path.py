@@ -4,6 +4,7 @@ import jax
 import numpy as np
 import points_reference
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import jaxshroud as js
 from jaxshroud.batch.lanes import initial_states
@@ -121,7 +122,7 @@ def test_it_is_where_small_steps_of_the_loads_lead(scene):
     q, mode = SmallSteps(loaded(*scene)).end(steps=20)
     moved = np.abs(q).max(axis=1, keepdims=True)
     assert np.abs(found.q[0] - q).max() < 1e-9 * moved.max()
-    np.testing.assert_array_equal(found.contact.mode[0], mode)
+    assert_array_equal(found.contact.mode[0], mode)
     assert found.residual < 1e-12
 
 
@@ -170,7 +171,7 @@ def start_of(scene):
 def test_without_friction_it_is_the_static_equilibrium(name):
     scene = loaded(*SCENES[name], "friction.mu=0")
     without = static_equilibria(lanes_of(scene))
-    np.testing.assert_allclose(led(scene).q, without.q, rtol=0, atol=1e-13 * np.abs(without.q).max())
+    assert_allclose(led(scene).q, without.q, rtol=0, atol=1e-13 * np.abs(without.q).max())
 
 
 @pytest.mark.full(but=["slips"])
@@ -179,17 +180,17 @@ def test_without_loads_it_is_the_static_equilibrium(name):
     settings = [one for one in SCENES[name][1:] if "_mean" not in one]
     scene = loaded(SCENES[name][0], *settings)
     without = static_equilibria(lanes_of(scene))
-    np.testing.assert_allclose(led(scene).q, without.q, rtol=0, atol=1e-14 * np.abs(without.q).max())
-    np.testing.assert_allclose(start_of(scene).u_s.ravel(), without.at.u.ravel(), rtol=1e-13)
+    assert_allclose(led(scene).q, without.q, rtol=0, atol=1e-14 * np.abs(without.q).max())
+    assert_allclose(start_of(scene).u_s.ravel(), without.at.u.ravel(), rtol=1e-13)
     assert (start_of(scene).mode == Mode.STICK).all()
 
 
 def test_blades_that_never_touch_follow_their_springs():
     scene = loaded("table1", "drive.F_x_mean=[-5,5]")
-    np.testing.assert_allclose(start_of(scene).motion.x[0], [-5e-5, 5e-5], rtol=1e-14)
+    assert_allclose(start_of(scene).motion.x[0], [-5e-5, 5e-5], rtol=1e-14)
     assert (start_of(scene).mode == Mode.APART).all()
     free = loaded("table1", 'parts.contact="none"', "drive.F_x_mean=[5,-5]")
-    np.testing.assert_allclose(start_of(free).motion.x[0], [5e-5, -5e-5], rtol=1e-14)
+    assert_allclose(start_of(free).motion.x[0], [5e-5, -5e-5], rtol=1e-14)
 
 
 def test_where_blades_slip_they_begin_elsewhere_than_without_friction():
@@ -200,7 +201,7 @@ def test_where_blades_slip_they_begin_elsewhere_than_without_friction():
     assert (state.mode == Mode.SLIP_PLUS).all()
     # At its limit the friction spring carries mu N.
     force = float(scene.friction.k_d) * (at.u[0, 0, 0] - state.u_s[0])
-    np.testing.assert_allclose(force, float(scene.friction.mu) * at.N[0, 0, 0], rtol=1e-12)
+    assert_allclose(force, float(scene.friction.mu) * at.N[0, 0, 0], rtol=1e-12)
 
 
 @pytest.mark.full
@@ -208,5 +209,5 @@ def test_lanes_are_led_alike_together_and_alone():
     scenes = [loaded(*SCENES["two pressed"], f"friction.mu={mu}") for mu in (0.0, 0.1, 0.3, 0.8)]
     together = loaded_equilibria(lanes_of(*scenes))
     for i, scene in enumerate(scenes):
-        np.testing.assert_allclose(together.q[i], led(scene).q[0], rtol=0, atol=1e-15)
+        assert_allclose(together.q[i], led(scene).q[0], rtol=0, atol=1e-15)
     assert len(np.unique(together.q[:, 0, 0])) == 4

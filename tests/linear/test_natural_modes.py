@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pair_views import rates_in
 
 from jaxshroud.model.modes import FLAT, Mode
@@ -38,9 +39,9 @@ def test_a_pair_in_phase_is_free_and_out_of_phase_has_twice_the_contact():
     # The relative displacement of blades out of phase is twice their own; in phase it is zero. The frequencies are
     # those of a ring of four at nodal diameters 0 and 1, as known: 177.94, 974.62 and 522.69, 1224.71 Hz.
     sheet = check(load("table1", [IN_PLANE]))
-    np.testing.assert_allclose(by_hand(2.0), [522.69, 1224.71], atol=0.005)
+    assert_allclose(by_hand(2.0), [522.69, 1224.71], atol=0.005)
     expected = np.sort([*by_hand(0.0), *by_hand(2.0)])
-    np.testing.assert_allclose(frequencies(sheet, "stuck"), expected, rtol=1e-12)  # rounding
+    assert_allclose(frequencies(sheet, "stuck"), expected, rtol=1e-12)  # rounding
     phases = [mode.blades for mode in sheet.modes if mode.contact == "stuck"]
     assert phases == ["in phase", "out of phase", "in phase", "out of phase"]
     # Control: with the sign of n as the article prints it, n = (sin alpha, cos alpha), they are 11 % and 1.9 % off.
@@ -49,8 +50,8 @@ def test_a_pair_in_phase_is_free_and_out_of_phase_has_twice_the_contact():
 
 def test_beside_a_rigid_block_a_blade_has_the_contact_once():
     sheet = check(load("table1", [IN_PLANE, "parts.neighbour=rigid"]))
-    np.testing.assert_allclose(frequencies(sheet, "stuck"), by_hand(1.0), rtol=1e-12)
-    np.testing.assert_allclose(frequencies(sheet, "sliding"), by_hand(1.0, k_d=0.0), rtol=1e-12)
+    assert_allclose(frequencies(sheet, "stuck"), by_hand(1.0), rtol=1e-12)
+    assert_allclose(frequencies(sheet, "sliding"), by_hand(1.0, k_d=0.0), rtol=1e-12)
     assert {mode.blades for mode in sheet.modes} == {"left"}
 
 
@@ -112,7 +113,7 @@ def test_the_modes_are_those_of_the_right_hand_side(contact, case):
     scene = load("table1", [*UNALIKE, *free])
     values = np.array(eigenvalues(jacobian(scene.scene, case), contact == "stuck"))
     assert np.abs(values.real).max() < 1e-10 * np.abs(values).min()
-    np.testing.assert_allclose(frequencies(check(scene), contact), np.abs(values) / TWO_PI, rtol=1e-10)
+    assert_allclose(frequencies(check(scene), contact), np.abs(values) / TWO_PI, rtol=1e-10)
     # Control: without the levers of the contact, as for x and y alone, at least one frequency is 1 % off.
     in_plane = frequencies(check(load("table1", [*UNALIKE, *free, IN_PLANE])), "stuck")
     nearest = np.abs(in_plane[:, None] * TWO_PI / np.abs(values) - 1).min(axis=1)
@@ -125,7 +126,7 @@ def test_damping_ratios_are_those_of_the_right_hand_side_to_first_order():
     scene = load("table1", [*UNALIKE, *light])
     values = np.array(eigenvalues(jacobian(scene.scene, 1), turning_together=False))
     zeta = [mode.zeta for mode in check(scene).modes if mode.contact == "corner"]
-    np.testing.assert_allclose(zeta, -values.real / np.abs(values), rtol=1e-5)
+    assert_allclose(zeta, -values.real / np.abs(values), rtol=1e-5)
     assert max(zeta) > 1e-4  # control: there is something to compare
 
 

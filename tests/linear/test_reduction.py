@@ -6,6 +6,7 @@ from functools import partial
 import beam_model
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.io import mmwrite, savemat
 from scipy.linalg import eigh
 from scipy.sparse import coo_array, csc_array, save_npz
@@ -90,8 +91,8 @@ def test_modes_are_those_of_the_matrices(model):
     K, M, B = whole(model)
     squares, shapes = eigh(K, M)
     blade = reduce(model, n_modes=6)
-    np.testing.assert_allclose(blade.f[:6], np.sqrt(squares[:6]) / (2 * np.pi), rtol=1e-6)  # of SciPy's
-    np.testing.assert_allclose(np.abs(blade.phi[:, :6]), np.abs(B @ shapes[:, :6]), rtol=1e-6, atol=1e-6)
+    assert_allclose(blade.f[:6], np.sqrt(squares[:6]) / (2 * np.pi), rtol=1e-6)  # of SciPy's
+    assert_allclose(np.abs(blade.phi[:, :6]), np.abs(B @ shapes[:, :6]), rtol=1e-6, atol=1e-6)
     assert np.max(blade.misfit[:3]) < 0.02
     assert blade.kind == ("mode",) * 6 + ("residual",) * 3
 
@@ -108,7 +109,7 @@ def test_statics_at_the_shroud_are_exact(model, limit):
     # Control: modes alone leave out what is said of them.
     alone = reduce(model, n_modes=3, residuals=False)
     left = 1 - np.diag(flexibility(alone)) / np.diag(wanted)
-    np.testing.assert_allclose(left, alone.left_out, rtol=1e-6, atol=1e-9)
+    assert_allclose(left, alone.left_out, rtol=1e-6, atol=1e-9)
     assert np.max(left) > 1e-3
 
 
@@ -124,7 +125,7 @@ def test_a_stiffness_of_any_condition_gives_its_flexibility():
     factor = stiffness_factor(symmetric(K, "K"), np.zeros((2 * n, 6)))
     x = np.arange(1, n + 1)
     bent = x**2 * (3 * n - x) / 6
-    np.testing.assert_allclose(factor.solve(force)[::2], bent, rtol=1e-11)
+    assert_allclose(factor.solve(force)[::2], bent, rtol=1e-11)
     # Control: without the refinement rounding is felt.
     rough = factor.root @ factor.solved(factor.root @ force)
     assert np.max(np.abs(rough[::2] / bent - 1)) > 1e-8
@@ -133,7 +134,7 @@ def test_a_stiffness_of_any_condition_gives_its_flexibility():
 def test_stuck_frequencies_and_the_response_need_residual_vectors(model):
     wanted = stuck_of_model(model)[:3]
     blade = reduce(model, n_modes=3)
-    np.testing.assert_allclose(stuck_of_blade(blade)[:3], wanted, rtol=1e-3)
+    assert_allclose(stuck_of_blade(blade)[:3], wanted, rtol=1e-3)
     # Five percent beside a resonance an error of 5e-4 in its frequency is one of 1e-2 in the response.
     assert response_error(model, blade) < 2e-2
     assert response_error(model, reduce(model, n_modes=4)) < 5e-3
@@ -154,7 +155,7 @@ def test_the_response_of_solid_elements():
     error = partial(response_error, solid)
     given = {"nodes": solid.nodes, "shroud": solid.tips, "fixed": solid.root}
     blade = reduce(solid, **given, n_modes=3)
-    np.testing.assert_allclose(stuck_of_blade(blade)[:3], stuck_of_model(solid)[:3], rtol=2e-3)
+    assert_allclose(stuck_of_blade(blade)[:3], stuck_of_model(solid)[:3], rtol=2e-3)
     assert error(blade, 0.15) < 1e-2  # as the second of these is 1.5e-3 off
     assert error(blade, 0.05) < 4e-2
     assert error(reduce(solid, **given, n_modes=6), 0.05) < 1e-4
@@ -172,13 +173,13 @@ def test_units_and_frames(model):
     in_mm = np.outer(scale, scale) * 1e3
     nodes = {node: 1e3 * place for node, place in model.nodes.items()}
     other = reduce(model, K=model.K * in_mm, M=model.M * in_mm, nodes=nodes, n_modes=3, units="mm-t-s")
-    np.testing.assert_allclose(other.f, blade.f, rtol=1e-6)
-    np.testing.assert_allclose(flexibility(other), flexibility(blade), rtol=1e-7, atol=1e-15)
+    assert_allclose(other.f, blade.f, rtol=1e-6)
+    assert_allclose(flexibility(other), flexibility(blade), rtol=1e-7, atol=1e-15)
     assert any("units" in note for note in reduce(model, n_modes=3, units="mm-t-s").notes)
     assert not any("units" in note for note in (*blade.notes, *other.notes))
     turned = reduce(model, n_modes=3, x_axis=(0.0, 1.0, 0.0), y_axis=(-1.0, 0.0, 0.0))
     P = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
-    np.testing.assert_allclose(flexibility(turned), P @ flexibility(blade) @ P.T, rtol=1e-8, atol=1e-15)
+    assert_allclose(flexibility(turned), P @ flexibility(blade) @ P.T, rtol=1e-8, atol=1e-15)
 
 
 def test_a_singular_mass_and_one_triangle_are_allowed(model):
@@ -190,12 +191,12 @@ def test_a_singular_mass_and_one_triangle_are_allowed(model):
     K = model.K[np.ix_(free, free)]
     inverse = eigh(M[np.ix_(free, free)], K, eigvals_only=True)
     blade = reduce(model, K=csc_array(np.triu(model.K)), M=csc_array(np.tril(M)), n_modes=2)
-    np.testing.assert_allclose(blade.f[:2], inverse[::-1][:2] ** -0.5 / (2 * np.pi), rtol=1e-9)
+    assert_allclose(blade.f[:2], inverse[::-1][:2] ** -0.5 / (2 * np.pi), rtol=1e-9)
 
 
 def test_damping_is_that_of_its_matrix(model):
     blade = reduce(model, n_modes=3, C=2e-6 * model.K, residual_frequency=np.inf)
-    np.testing.assert_allclose(blade.zeta[:3], 1e-6 * 2 * np.pi * blade.f[:3], rtol=1e-9)
+    assert_allclose(blade.zeta[:3], 1e-6 * 2 * np.pi * blade.f[:3], rtol=1e-9)
     with pytest.raises(js.InputError, match="damped above critical"):
         reduce(model, n_modes=3, C=1.0 * model.K)
 
@@ -285,13 +286,11 @@ def test_the_command_reads_files(model, tmp_path, monkeypatch, capsys, form):
     assert "static flexibility" in capsys.readouterr().out
     blade = reduce(model, n_modes=3)
     scene = js.load("table1", ["blades.modes=blade.csv", "contact.k=2e5"]).scene
-    np.testing.assert_allclose(np.stack([mode.f[0] for mode in scene.blades.modes]), blade.f, rtol=1e-8)
+    assert_allclose(np.stack([mode.f[0] for mode in scene.blades.modes]), blade.f, rtol=1e-8)
     phi = np.array(
         [[getattr(mode, name)[0] for mode in scene.blades.modes] for name in ("phi_x", "phi_y", "phi_theta")]
     )
-    np.testing.assert_allclose(
-        flexibility(dataclasses.replace(blade, phi=phi)), flexibility(blade), rtol=1e-6, atol=1e-18
-    )
+    assert_allclose(flexibility(dataclasses.replace(blade, phi=phi)), flexibility(blade), rtol=1e-6, atol=1e-18)
 
 
 NO_MARKET = "*MATRIX TYPE\nSYMMETRIC\n1,1,2,1, 3.0\n"  # as of Abaqus
@@ -326,7 +325,7 @@ def test_wrong_files_get_one_line(tmp_path, monkeypatch, capsys, files, words):
 def test_the_shipped_blade_is_that_of_the_model(model):
     blade = reduce(model, n_modes=3)
     modes = js.load("fem_blade").scene.blades.modes
-    np.testing.assert_allclose([mode.f[0] for mode in modes], blade.f, rtol=1e-6)
+    assert_allclose([mode.f[0] for mode in modes], blade.f, rtol=1e-6)
 
 
 def test_one_more_mode_is_told(model):
@@ -349,10 +348,10 @@ def test_a_stiffness_at_speed_gives_the_growth_of_each_mode(model):
     speed, B = 314.0, 1.7
     K = model.K + B * speed**2 * model.M
     blade = reduce(model, n_modes=3, K_at_speed=K, speed=speed)
-    np.testing.assert_allclose(blade.B[:3], B, rtol=1e-4)  # as omega^2 of the third is 1e4 times this
-    np.testing.assert_array_equal(blade.B[3:], 0.0)
+    assert_allclose(blade.B[:3], B, rtol=1e-4)  # as omega^2 of the third is 1e4 times this
+    assert_array_equal(blade.B[3:], 0.0)
     scene = dataclasses.replace(js.load("fem_blade").scene, blades=blade.blades(12))
-    np.testing.assert_allclose(scene.blades.modes[0].B, B, rtol=1e-6)
+    assert_allclose(scene.blades.modes[0].B, B, rtol=1e-6)
     # A spring at one corner turns the shapes.
     K = model.K.copy()
     K[model.labels.index("101.1"), model.labels.index("101.1")] += 1e7
@@ -366,9 +365,9 @@ def test_frequencies_over_nodal_diameters_give_the_coupling(model, tmp_path, mon
     squares, kappa, h = (2 * np.pi * np.array([100.0, 500.0])) ** 2, np.array([1e4, -2e4]), np.array([0, 2, 5])
     f = np.sqrt(squares + np.outer(4 * np.sin(np.pi * h / 12) ** 2, kappa)) / (2 * np.pi)
     blade = reduce(model, n_modes=2).in_ring(h, f, 12)
-    np.testing.assert_allclose(blade.f[:2], [100.0, 500.0], rtol=1e-12)
-    np.testing.assert_allclose(blade.kappa[:2], kappa, rtol=1e-8)
-    np.testing.assert_array_equal(blade.kappa[2:], 0.0)
+    assert_allclose(blade.f[:2], [100.0, 500.0], rtol=1e-12)
+    assert_allclose(blade.kappa[:2], kappa, rtol=1e-8)
+    assert_array_equal(blade.kappa[2:], 0.0)
     # Through a table into a ring.
     monkeypatch.chdir(tmp_path)
     model.save("blade.npz")
@@ -379,7 +378,7 @@ def test_frequencies_over_nodal_diameters_give_the_coupling(model, tmp_path, mon
     line += ["--out", "blade.csv", "--cyclic", "freq.csv", "--blades"]
     assert commands.main([*line, "12"]) == 0
     scene = js.load("fem_blade", ["blades.modes=blade.csv"]).scene
-    np.testing.assert_allclose(scene.blades.modes[1].kappa, np.full(12, -2e4), rtol=1e-6)
+    assert_allclose(scene.blades.modes[1].kappa, np.full(12, -2e4), rtol=1e-6)
     assert blade.blades(12).modes[1].kappa.shape == (12,)
     wrong = {"h,f1\n0,100\n": "as many families", "h,f1,f2\n0,1,x\n": "a cell is a number", "h,f1\n": "below its head"}
     for change, words in (wrong | {"h,f1,f2\n0,100,nan\n2,110,500\n": "above 0"}).items():

@@ -6,6 +6,7 @@ from pathlib import Path
 import beam_model
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.io import savemat
 from scipy.linalg import eigh
 
@@ -55,11 +56,11 @@ def products(phi):
 
 def test_complex_shapes_of_any_phase_and_scale_are_those_of_the_matrices(measured, wanted):
     blade = js.reduce_shapes(**measured, n_modes=3)
-    np.testing.assert_allclose(blade.f, wanted.f[:3], rtol=1e-7)  # of SciPy's, as the next
-    np.testing.assert_array_equal(blade.zeta, ZETA[:3])
+    assert_allclose(blade.f, wanted.f[:3], rtol=1e-7)  # of SciPy's, as the next
+    assert_array_equal(blade.zeta, ZETA[:3])
     expected = products(wanted.phi[:, :3])
-    np.testing.assert_allclose(products(blade.phi), expected, rtol=1e-6, atol=1e-9 * expected.max())
-    np.testing.assert_allclose(blade.misfit, wanted.misfit[:3], rtol=1e-6)
+    assert_allclose(products(blade.phi), expected, rtol=1e-6, atol=1e-9 * expected.max())
+    assert_allclose(blade.misfit, wanted.misfit[:3], rtol=1e-6)
     assert "1.000, 1.000, 1.000" in str(blade)
     # Control: the real parts as they stand are other shapes.
     plain = js.reduce_shapes(**measured | {"phi": measured["phi"].real}, n_modes=3)
@@ -85,7 +86,7 @@ def test_nodes_may_have_axes_of_their_own(measured):
     turned = measured | {"phi": phi}
     nodes = measured["nodes"] | {"102": np.concatenate([measured["nodes"]["102"], x, y])}
     found = js.reduce_shapes(**turned | {"nodes": nodes})
-    np.testing.assert_allclose(products(found.phi), products(blade.phi), rtol=1e-9, atol=1e-12)
+    assert_allclose(products(found.phi), products(blade.phi), rtol=1e-9, atol=1e-12)
     # Control: its neglect raises no error.
     assert np.max(js.reduce_shapes(**turned).misfit) > 10 * np.max(blade.misfit)
 
@@ -96,7 +97,7 @@ def test_what_is_no_mode_does_not_count(measured):
     zeta = np.array([0.002, 0.003, 0.004, 7.0])
     changed = measured | {"f": f, "zeta": zeta, "residual": [False, True, False, False]}
     blade = js.reduce_shapes(**changed, n_modes=2)
-    np.testing.assert_array_equal(blade.f, [0.0, 0.0, measured["f"][1]])
+    assert_array_equal(blade.f, [0.0, 0.0, measured["f"][1]])
     assert blade.kind == ("mode", "mode", "residual")
     assert len(blade.blades(3).modes) == 3
     with pytest.raises(js.InputError, match=r"Mode 2 at .* is damped above critical"):
@@ -108,7 +109,7 @@ def test_what_is_no_mode_does_not_count(measured):
 def test_a_stiff_residual_vector_makes_no_mode_rigid(measured, tmp_path):
     f = np.array([1.0, 2.0, 3.0, 1e4]) * measured["f"][0]
     blade = js.reduce_shapes(**measured | {"f": f, "residual": [0, 0, 0, 1]})
-    np.testing.assert_array_equal(blade.f, f)
+    assert_array_equal(blade.f, f)
     blade.save(tmp_path / "blade.csv")
     table = [f"blades.modes={tmp_path}/blade.csv", "contact.k=2e5"]
     assert float(js.load("table1", table).scene.blades.modes[0].f[0]) == f[0]
@@ -120,7 +121,7 @@ def test_directions_that_were_not_measured_are_left_out(measured):
     phi = measured["phi"].copy()
     phi[2::3] = 0.0  # along z
     blade, whole = js.reduce_shapes(**measured | {"phi": phi}), js.reduce_shapes(**measured)
-    np.testing.assert_allclose(products(blade.phi), products(whole.phi), rtol=1e-6, atol=1e-6)
+    assert_allclose(products(blade.phi), products(whole.phi), rtol=1e-6, atol=1e-6)
     phi[1::3] = 0.0
     with pytest.raises(js.InputError, match="do not determine its y"):
         js.reduce_shapes(**measured | {"phi": phi})
@@ -188,10 +189,10 @@ def test_the_command_reads_shapes(measured, tmp_path, monkeypatch, capsys, form)
     scene = js.load("table1", ["blades.modes=blade.csv", "contact.k=2e5"]).scene
     blade = js.reduce_shapes(**measured, residual=[0, 0, 0, 1], n_modes=2)
     modes = scene.blades.modes
-    np.testing.assert_allclose([mode.f[0] for mode in modes], blade.f, rtol=1e-12)
-    np.testing.assert_allclose([mode.zeta[0] for mode in modes], ZETA[[0, 1, 3]])
+    assert_allclose([mode.f[0] for mode in modes], blade.f, rtol=1e-12)
+    assert_allclose([mode.zeta[0] for mode in modes], ZETA[[0, 1, 3]])
     found = np.array([[getattr(mode, f"phi_{name}")[0] for mode in modes] for name in ("x", "y", "theta")])
-    np.testing.assert_allclose(products(found), products(blade.phi), rtol=1e-9, atol=1e-12)
+    assert_allclose(products(found), products(blade.phi), rtol=1e-9, atol=1e-12)
     # What concerns matrices alone is not passed over.
     for given in (["--fixed", "1"], ["--at-speed", "K.npz"], ["--no-residuals"]):
         assert commands.main([*words, *given, "--out", "other.csv"]) == 2
@@ -222,7 +223,7 @@ def test_matrices_of_matlab(model, wanted, tmp_path, version):
     unlike = model.K + np.triu(np.ones_like(model.K))  # shows whether it is transposed
     save(path, K=model.K, M=model.M, unlike=unlike, dofs=dofs, nodes=nodes)
     blade = js.reduce(**read_model([path]), shroud=beam_model.TIPS, fixed=["0"])
-    np.testing.assert_allclose(blade.f, wanted.f, rtol=1e-6)  # of a dense solver
+    assert_allclose(blade.f, wanted.f, rtol=1e-6)  # of a dense solver
 
 
 def save_object(path):
@@ -282,7 +283,7 @@ def test_the_lines_for_output4(tmp_path, monkeypatch):
     op4.write("blade.op4", {"kxx": K, "mxx": np.eye(24)})
     exec(lines_of_the_page("pyyeti"), {})
     with np.load("blade.npz") as file:
-        np.testing.assert_array_equal(file["K"], K)
+        assert_array_equal(file["K"], K)
         assert file["dofs"][6] == "11.1"
 
 
@@ -307,6 +308,6 @@ def test_the_lines_for_uff(measured, tmp_path, monkeypatch):
     exec(lines_of_the_page("pyuff"), {})
     with np.load("blade.npz") as file:
         given = {name: file[name] for name in ("f", "zeta", "phi")}
-        np.testing.assert_allclose(given["zeta"], ZETA, rtol=1e-4)
+        assert_allclose(given["zeta"], ZETA, rtol=1e-4)
         blade = js.reduce_shapes(**measured | given | {"dofs": [*map(str, file["dofs"])]})
-    np.testing.assert_allclose(products(blade.phi), products(js.reduce_shapes(**measured).phi), rtol=1e-3, atol=1e-4)
+    assert_allclose(products(blade.phi), products(js.reduce_shapes(**measured).phi), rtol=1e-3, atol=1e-4)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from quotients import assert_tangents_by_keys
 from scipy.integrate import solve_ivp
 
@@ -91,10 +92,10 @@ def test_a_coupled_pair_of_turning_blocks_is_a_chain_of_two_and_marches_by_serie
     assert abs(run.energy_residual) < 1e-9
     series = js.simulate(pair, n_periods=PERIODS, method=js.Taylor())
     assert abs(series.energy_residual) < 1e-9
-    np.testing.assert_allclose(np.asarray(series.motion.x)[-1], np.asarray(run.motion.x)[-1], rtol=1e-7)
+    assert_allclose(np.asarray(series.motion.x)[-1], np.asarray(run.motion.x)[-1], rtol=1e-7)
     row = js.load("table1", ["row.blades=2", *SPRINGS, "drive.M_0=0.3"])
     chain = js.simulate(row, n_periods=PERIODS, method=js.RungeKutta("dopri8", 1600))
-    np.testing.assert_allclose(np.asarray(chain.motion.x)[-1], np.asarray(run.motion.x)[-1], rtol=1e-9)
+    assert_allclose(np.asarray(chain.motion.x)[-1], np.asarray(run.motion.x)[-1], rtol=1e-9)
     assert abs(chain.energy_residual) < 1e-9
 
 
@@ -106,7 +107,7 @@ def test_the_energy_of_a_coupled_ring_in_a_flow_balances():
     assert abs(run.energy_residual) < 1e-9
     series = js.simulate(scene, n_periods=3, method=js.Taylor(tolerance=1e-12, steps=1600))
     assert abs(series.energy_residual) < 1e-9
-    np.testing.assert_allclose(series.motion.x[-1], run.motion.x[-1], rtol=1e-8)
+    assert_allclose(series.motion.x[-1], run.motion.x[-1], rtol=1e-8)
 
 
 RING = ("row.blades=6", "drive.engine_order=1", 'parts.motion=["x"]', "blades.c_x=1", "coupling.k_x=1e4", *SOFT)
@@ -135,9 +136,7 @@ def test_free_decays_have_the_damping_of_each_nodal_diameter():
         late = np.asarray(run.t)[-1]
         want = (wave * np.exp(root * late)).real
         # An error of the damping ratio of 1e-6 over some 14 radians is one of 1e-5 of the wave.
-        np.testing.assert_allclose(
-            np.asarray(run.motion.x)[-1], want, rtol=0, atol=1e-7 * abs(wave[0] * np.exp(root.real * late))
-        )
+        assert_allclose(np.asarray(run.motion.x)[-1], want, rtol=0, atol=1e-7 * abs(wave[0] * np.exp(root.real * late)))
     assert told[1].zeta < 0 < told[-1].zeta
 
 

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from exact import CASES, CONSISTENT
+from numpy.testing import assert_allclose
 from pair_views import contact_of, view_in
 
 from jaxshroud.march import events
@@ -130,7 +131,7 @@ def test_apart_only_the_approach_counts_and_the_case_follows_the_position(sides,
     for v in (-V, V):
         held = inside(sides, Mode.APART, case, v=v)
         lift, *others = values(held, ready)
-        np.testing.assert_allclose(lift, v, rtol=1e-11)
+        assert_allclose(lift, v, rtol=1e-11)
         assert max(others) < 0
         assert int(seen(held, ready).case) == case
 
@@ -160,8 +161,8 @@ def test_rates_of_the_guards_are_their_derivatives(scene, reading):
     slip = mode >= Mode.SLIP_PLUS
     for kind in FOUR:
         asked = ~slip if kind == AT_RUB else slice(None)
-        np.testing.assert_allclose(got.rate[kind][asked], derivative.value[kind][asked], rtol=1e-11, atol=1e-13)
-    np.testing.assert_allclose(got.value[AT_RUB][slip], derivative.integral[AT_RUB][slip], rtol=1e-11, atol=1e-13)
+        assert_allclose(got.rate[kind][asked], derivative.value[kind][asked], rtol=1e-11, atol=1e-13)
+    assert_allclose(got.value[AT_RUB][slip], derivative.integral[AT_RUB][slip], rtol=1e-11, atol=1e-13)
     assert not np.any(np.asarray(got.integral[AT_RUB])[~slip])
 
 
@@ -180,7 +181,7 @@ def test_onset_slips_where_the_corner_is_faster_than_the_limit_grows(sides, read
     # k_d |u'| against mu k v', here with v' = 1 m/s.
     event, after = crossed(inside(sides, Mode.APART, case, v=0.0, v_rate=1.0, u_rate=u_rate), AT_LIFT, ready)
     assert (int(event.after.mode), int(event.after.case)) == (mode, case)
-    np.testing.assert_allclose(event.after.u_s, after.at.u, rtol=0, atol=1e-18)  # the spring is unstretched
+    assert_allclose(event.after.u_s, after.at.u, rtol=0, atol=1e-18)  # the spring is unstretched
     assert abs(force(after, event.after, ready)) < 1e-9
     assert abs(float(event.energy)) < 1e-18
 
@@ -201,7 +202,7 @@ def test_touch_down_is_led_back_to_first_contact_within_the_bracket(sides, ready
     # Located v = 0.5 um late at v' = 1 m/s: the corner touched 0.5 us ago, if the bracket is that wide.
     held = inside(sides, Mode.APART, 1, v=0.5e-6, v_rate=1.0, u_rate=2.0)
     event, after = crossed(held, AT_LIFT, ready, late)
-    np.testing.assert_allclose(after.at.u - event.after.u_s, 2.0 * used, rtol=0, atol=1e-15)
+    assert_allclose(after.at.u - event.after.u_s, 2.0 * used, rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize("mode", CONTACTS)
@@ -215,7 +216,7 @@ def test_separation_leaves_nothing(sides, ready, mode):
     # Under load (a chatter's end), what the springs still held is booked as lost.
     event, _ = crossed(inside(sides, mode, 1), AT_LIFT, ready)
     share = 0.5 if mode == Mode.STICK else 1.0
-    np.testing.assert_allclose(event.energy, -(K * V**2 + K_D * (share * LAG * V) ** 2) / 2, rtol=1e-10)
+    assert_allclose(event.energy, -(K * V**2 + K_D * (share * LAG * V) ** 2) / 2, rtol=1e-10)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -225,8 +226,8 @@ def test_stick_to_slip_keeps_the_force(sides, ready, case, w, mode):
     before = force(seen(held, ready), held, ready)
     event, after = crossed(held, AT_RUB, ready)
     assert (int(event.after.mode), int(event.after.case)) == (mode, case)
-    np.testing.assert_allclose(before, w * MU * K * V, rtol=1e-10)
-    np.testing.assert_allclose(force(after, event.after, ready), before, rtol=1e-10)
+    assert_allclose(before, w * MU * K * V, rtol=1e-10)
+    assert_allclose(force(after, event.after, ready), before, rtol=1e-10)
     assert abs(float(event.energy)) < 1e-10 * K * V**2
 
 
@@ -237,8 +238,8 @@ def test_slip_to_stick_freezes_the_slider_where_it_is(sides, ready, case, mode):
     before = force(seen(held, ready), held, ready)
     event, after = crossed(held, AT_RUB, ready)
     assert (int(event.after.mode), int(event.after.case)) == (Mode.STICK, case)
-    np.testing.assert_allclose(after.at.u - event.after.u_s, SIGMA[mode] * LAG * V, rtol=1e-10)
-    np.testing.assert_allclose(force(after, event.after, ready), before, rtol=1e-10)
+    assert_allclose(after.at.u - event.after.u_s, SIGMA[mode] * LAG * V, rtol=1e-10)
+    assert_allclose(force(after, event.after, ready), before, rtol=1e-10)
     assert abs(float(event.energy)) < 1e-10 * K * V**2
 
 
@@ -256,15 +257,15 @@ def test_a_loaded_case_switch_carries_the_stretch(sides, ready, mode, kind, plac
     assert (int(event.after.mode), int(event.after.case)) == (mode, pair[1])
     q = np.array([*held.motion.x, *held.motion.y, *held.motion.theta])
     v, u = exact.penetration_and_slide(sides, q, pair[1])
-    np.testing.assert_allclose([after.at.v, after.at.u], [v, u], rtol=0, atol=1e-17)
+    assert_allclose([after.at.v, after.at.u], [v, u], rtol=0, atol=1e-17)
     w_old, w = (0.5 * LAG * V,) * 2 if mode == Mode.STICK else (SIGMA[mode] * LAG * V, SIGMA[mode] * LAG * v)
     if mode == Mode.STICK:
-        np.testing.assert_allclose(u - event.after.u_s, w, rtol=0, atol=1e-17)
-    np.testing.assert_allclose(force(after, event.after, ready), K_D * w, rtol=1e-10)
+        assert_allclose(u - event.after.u_s, w, rtol=0, atol=1e-17)
+    assert_allclose(force(after, event.after, ready), K_D * w, rtol=1e-10)
     jump = (K * (v**2 - V**2) + K_D * (w**2 - w_old**2)) / 2
-    np.testing.assert_allclose(event.energy, jump, rtol=0, atol=1e-11 * K * V**2)
+    assert_allclose(event.energy, jump, rtol=0, atol=1e-11 * K * V**2)
     if kind == AT_TURN:  # same v, same u: potential and slide are continuous
-        np.testing.assert_allclose(v, V, rtol=1e-11)
+        assert_allclose(v, V, rtol=1e-11)
     else:  # control: the face turns from alpha - theta_2 to alpha - theta_1, so v does jump
         assert abs(v / V - 1) > 0.01
         assert abs(float(event.energy)) > 0.01 * K * V**2 / 2
@@ -291,7 +292,7 @@ def test_a_turn_right_after_another_is_not_taken_for_earlier_than_a_stick(late, 
     low, end = (Guards(tuple(values), tuple(rates), tuple(zero)) for values in (low, end))
     (above, rise), crossed = first_crossed(low, end, violated, jnp.asarray(width), nothing)
     assert int(crossed.kind) == first
-    np.testing.assert_allclose(above / rise, max(1 / 3, late / rate / width), rtol=1e-12)
+    assert_allclose(above / rise, max(1 / 3, late / rate / width), rtol=1e-12)
 
 
 HAPPENINGS = [

@@ -7,6 +7,7 @@ import jax
 import numpy as np
 import pytest
 import reference
+from numpy.testing import assert_allclose
 from side_by_side import Choices, ends, relative_error, run, sizes, tableau, with_parts
 
 import jaxshroud as js
@@ -129,7 +130,7 @@ def test_a_million_periods(table1):
         assert runs.last.status == Status.OK
         ends_at.append(ends(runs)[0])
         memory.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
-    np.testing.assert_allclose(ends_at[1], ends_at[0], rtol=1e-9)
+    assert_allclose(ends_at[1], ends_at[0], rtol=1e-9)
     assert np.count_nonzero(ends_at[1]) == 2  # the left block's x and its rate
     assert memory[1] - memory[0] < 64 * 1024  # kB
 
@@ -142,8 +143,8 @@ def test_float32_at_late_times(table1):
     late = js.sweep(scene, {"drive.F_0": [60.0]}, n_periods=4, transient=20_000, method=single)
     exact = js.sweep(scene, {"drive.F_0": [60.0]}, n_periods=4, transient=400, method=js.RungeKutta(steps=100))
     assert late.status[0] == Status.OK
-    np.testing.assert_allclose(late.motion.theta, exact.motion.theta, rtol=1e-3)
-    np.testing.assert_allclose(late.P_d, exact.P_d, rtol=1e-3)
+    assert_allclose(late.motion.theta, exact.motion.theta, rtol=1e-3)
+    assert_allclose(late.P_d, exact.P_d, rtol=1e-3)
 
 
 @pytest.mark.release
@@ -156,4 +157,4 @@ def test_a_hundred_thousand_lanes_are_as_many_single_ones(table1):
         one = js.sweep(
             table1, {"drive.F_0": F_0[lane : lane + 1]}, n_periods=1, method=js.RungeKutta(steps=40), transient=0
         )
-        np.testing.assert_allclose(one.motion.x[0], many.motion.x[lane], rtol=1e-9, atol=1e-16)
+        assert_allclose(one.motion.x[0], many.motion.x[lane], rtol=1e-9, atol=1e-16)

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import reference
+from numpy.testing import assert_allclose, assert_array_equal
 from pair_views import contact_of, rates_in, view_in
 from side_by_side import EXACT, counts, ends, energy_residual, relative_error, run, scene_of, sizes
 
@@ -69,7 +70,7 @@ def test_without_torque_from_rest(table1, name):
     assert np.log2(error[0] / error[1]) > order - 0.6
     assert np.abs(energy_residual(fine)) < 1e-7
     theta = truth.samples.motion.theta
-    np.testing.assert_array_equal(theta[..., 0], theta[..., 1])
+    assert_array_equal(theta[..., 0], theta[..., 1])
 
 
 def test_corner_contact_alone_is_a_relay_without_bound(table1):
@@ -144,7 +145,7 @@ def test_pressed_blocks_leave_flat_contact_at_a_corner(table1):
     assert got.counters["flat"] == got.counters["flat_corner"] == 1
     assert got.counters["switch_14"] + got.counters["switch_23"] > 0
     theta = got.motion.theta[got.case == FLAT]
-    np.testing.assert_array_equal(theta[:, 0], theta[:, 1])
+    assert_array_equal(theta[:, 0], theta[:, 1])
     assert abs(got.energy_residual) < 1e-8
 
 
@@ -162,7 +163,7 @@ def test_derivatives_through_flat_contact(table1, key):
     step = 1e-6 * np.max(np.abs(value(scene, key)))
     up, down = (of(shifted(scene, key, sign * step)).vector for sign in (1, -1))
     difference = (up - down) / (2 * step)
-    np.testing.assert_allclose(exact[:12], difference[:12], atol=1e-6 * np.abs(difference[:12]).max())
+    assert_allclose(exact[:12], difference[:12], atol=1e-6 * np.abs(difference[:12]).max())
 
 
 def value(scene, key: str) -> np.ndarray:
@@ -202,7 +203,7 @@ def test_torques_at_the_ends_of_the_overlap_are_those_of_its_corners(mode):
         for case in range(1, 6):  # from whichever corner it is looked at
             view = view_in(with_case(held, case), row, wave)
             ends = (torque[3], torque[2]) if view.at.height > 0 else (torque[4], torque[1])
-            np.testing.assert_allclose(view.torques, ends, rtol=0, atol=1e-12)
+            assert_allclose(view.torques, ends, rtol=0, atol=1e-12)
         highs += int(view.at.height > 0)
         # Control: the whole face instead of the overlap.
         face = view.torques.lower - float(contact_of(row).law.normal_force(view.at.v, held.mode)) * 30e-3
@@ -297,7 +298,7 @@ def test_files_hold_the_share(method):
 def test_an_accuracy_sets_the_share():
     row = js.scenes_from({"contact.gamma": [2.5]}, js.load("row_ring12").scene)
     shares = [choose(row, 1, level, lane_periods=0).method.flat_return for level in (1e-3, 1e-6, 1e-9)]
-    np.testing.assert_allclose(shares, [1 / 2423, 1 / 38400, 1 / 608600], rtol=1e-3)
+    assert_allclose(shares, [1 / 2423, 1 / 38400, 1 / 608600], rtol=1e-3)
     lanes = js.scenes_from({"contact.gamma": [2.5]}, js.load("table1").scene)
     assert choose(lanes, 1, 1e-6).method.flat_return == pytest.approx(4 / 38400)  # where trials say that it is enough
 

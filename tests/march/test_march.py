@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import opinions
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from side_by_side import EXACT, STEPS, counts, ends, energy_residual, relative_error, run, scene_of, sizes
 
 from jaxshroud import Motion, Status, load, simulate, sweep, vary
@@ -74,7 +75,7 @@ def test_apart_blades_follow_the_closed_form(table1, method):
         for field, exact in ((name, jnp.imag(amplitude)), (f"v_{name}", omega * jnp.real(amplitude))):
             ends_at = getattr(got.samples.motion, field)[0]
             scale = np.abs(amplitude).max() * (omega if field.startswith("v_") else 1.0)
-            np.testing.assert_allclose(ends_at, np.tile(exact, (5, 1)), rtol=0, atol=1e-8 * scale)
+            assert_allclose(ends_at, np.tile(exact, (5, 1)), rtol=0, atol=1e-8 * scale)
     assert not np.any(counts(got, "onset_slip") + counts(got, "onset_stick"))
 
 
@@ -125,7 +126,7 @@ def test_the_cubic_locator_errs_no_more_than_bisection(scenes, fine):
             relative_error(ends(run(scenes, 3, steps, EXACT[f"{name}-{how}"])), ends(fine), sizes(fine))
             for how in ("cubic", "bisection")
         )
-        np.testing.assert_allclose(cubic, bisection, rtol=0.2)
+        assert_allclose(cubic, bisection, rtol=0.2)
 
 
 @pytest.mark.full
@@ -150,7 +151,7 @@ def test_float32_errs_by_its_rounding(scenes, fine):
         error = relative_error(ends(got), exact, sizes(fine))
         assert np.median(error) <= 3e-4
         assert np.all(error <= 1e-2)
-        np.testing.assert_array_equal(counts(got, "onset_slip"), counts(fine, "onset_slip"))
+        assert_array_equal(counts(got, "onset_slip"), counts(fine, "onset_slip"))
 
 
 CONVERGED = {"tsit5": 20000, "dopri8": 3000}
@@ -202,9 +203,7 @@ def test_opinions_in_the_file_are_those_of_the_reference(reading):
     for i in np.random.default_rng(3).choice(np.flatnonzero(~(told.moved > 1e-8)), 4, replace=False):
         status, samples, _ = opinions.opinion(opinions.scenes(reading)[i])
         assert status == told.status[i]
-        np.testing.assert_allclose(
-            samples, told.samples[i], rtol=0, atol=1e-7 * np.nan_to_num(np.abs(told.samples[i])).max()
-        )
+        assert_allclose(samples, told.samples[i], rtol=0, atol=1e-7 * np.nan_to_num(np.abs(told.samples[i])).max())
 
 
 @pytest.mark.full
@@ -217,7 +216,7 @@ def test_a_lane_that_fails_is_marked_alone(table1):
     assert got.status.tolist() == [Status.OK, Status.ANGLE_OUT_OF_RANGE, Status.OK]
     assert np.isnan(got.P_d[1])
     assert np.isnan(got.motion.x[1]).all()
-    np.testing.assert_array_equal(got.motion.x[[0, 2]], good.motion.x)
+    assert_array_equal(got.motion.x[[0, 2]], good.motion.x)
 
 
 def half_turned(scene):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import row_reference
 from modal_reference import COORDINATES, assert_alike, difference, ends_of
+from numpy.testing import assert_allclose, assert_array_equal
 from row_runs import row_scene_of
 from scipy.linalg import eigh, null_space
 
@@ -125,11 +126,11 @@ def test_lumped_blades_are_three_modes(name, numbers, method):
     run, other = (js.simulate(one, n_periods=3, method=method) for one in (scene, by_modes))
     assert difference(other, ends_of(run, 3)) < 1e-12
     for kind, count in run.counters.items():
-        np.testing.assert_array_equal(other.counters[kind], count)
-    np.testing.assert_allclose(js.largest_frequency(by_modes), js.largest_frequency(scene), rtol=1e-12)
-    np.testing.assert_allclose(by_modes.k, scene.k, rtol=1e-14)  # by gamma
+        assert_array_equal(other.counters[kind], count)
+    assert_allclose(js.largest_frequency(by_modes), js.largest_frequency(scene), rtol=1e-12)
+    assert_allclose(by_modes.k, scene.k, rtol=1e-14)  # by gamma
     free, own = steady_amplitudes(scene)[1], steady_amplitudes(by_modes)[1]
-    np.testing.assert_allclose(np.stack(own), np.stack(free), rtol=1e-12)
+    assert_allclose(np.stack(own), np.stack(free), rtol=1e-12)
 
 
 @pytest.mark.full
@@ -168,7 +169,7 @@ def test_a_rigid_neighbour_of_a_blade_by_modes():
     by_modes = dataclasses.replace(scene, blades=modal_reference.modes_of_lumped(scene.blades).blades)
     settings = {"n_periods": 2, "transient": 1, "method": js.RungeKutta("rk4", 400)}
     run, other = (js.sweep(one, {"shroud.gap": [0.0, 1e-5]}, **settings) for one in (scene, by_modes))
-    np.testing.assert_allclose(other.motion.x, run.motion.x, rtol=1e-10, atol=0)
+    assert_allclose(other.motion.x, run.motion.x, rtol=1e-10, atol=0)
 
 
 # Three modes of the shroud and one of the airfoil, which moves the shroud as well.
@@ -221,7 +222,7 @@ def test_natural_frequencies_are_those_of_the_assembled_modes(mode):
     stuck = mode == Mode.STICK
     scene, p = chain(("x", "y"))
     found = np.sqrt(np.sort(np.linalg.eigvals(stiffness_of(scene, mode, int(stuck))).real))
-    np.testing.assert_allclose(found, np.sqrt(eigh(assembled(p, stuck), eigvals_only=True)), rtol=1e-10)
+    assert_allclose(found, np.sqrt(eigh(assembled(p, stuck), eigvals_only=True)), rtol=1e-10)
 
 
 @pytest.mark.full
@@ -234,7 +235,7 @@ def test_flat_faces_turn_shrouds_as_one():
     K, Z = assembled(p, True, turns=True), null_space(unlike)
     wanted = Z @ Z.T @ K @ Z
     found = stiffness_of(scene, Mode.STICK, FLAT) @ Z
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-10 * np.abs(wanted).max())
+    assert_allclose(found, wanted, rtol=0, atol=1e-10 * np.abs(wanted).max())
     # Control: without the constraint the row accelerates otherwise.
     assert np.abs(K @ Z - wanted).max() > 1e-3 * np.abs(wanted).max()
 
@@ -246,14 +247,14 @@ def test_the_response_without_contact_is_that_of_the_modes():
     loads = np.stack([F * np.cos(beta), F * np.sin(beta), M]) * np.exp(1j * phase)
     q = np.einsum("ajb,ab->jb", MODES.shapes, loads) / (MODES.k - omega**2 + 1j * omega * MODES.c)
     wanted = np.einsum("ajb,jb->ab", MODES.shapes, q)
-    np.testing.assert_allclose(np.stack(steady_amplitudes(scene)[1]), wanted, rtol=1e-11)
+    assert_allclose(np.stack(steady_amplitudes(scene)[1]), wanted, rtol=1e-11)
 
 
 @pytest.mark.full
 def test_power_is_compared_with_the_response_of_the_modes():
     scene, _ = chain(gap=1.0)
     power = js.power(scene, n_periods=2, transient=60, method=js.RungeKutta("rk4", 400))
-    np.testing.assert_allclose(power.P_d, 0.0, rtol=0, atol=1e-3)
+    assert_allclose(power.P_d, 0.0, rtol=0, atol=1e-3)
 
 
 def test_a_rigid_motion_and_no_damping_are_allowed():
@@ -263,7 +264,7 @@ def test_a_rigid_motion_and_no_damping_are_allowed():
     phi[0] = 5.0
     scene = dataclasses.replace(scene, blades=js.modal_blades([0.0], 0.0, phi))
     run = js.simulate(scene, n_periods=2, method=js.RungeKutta("rk4", 400))
-    np.testing.assert_allclose(run.motion.x[:, 0], 2 * 25.0 * np.asarray(run.t) ** 2 / 2, rtol=1e-12)
+    assert_allclose(run.motion.x[:, 0], 2 * 25.0 * np.asarray(run.t) ** 2 / 2, rtol=1e-12)
 
 
 def test_frequencies_grow_with_the_speed():
@@ -275,6 +276,6 @@ def test_frequencies_grow_with_the_speed():
     alike = js.modal_blades(grown, own.zeta * own.f / grown, own.shapes)  # the dampers stay
     one, other = (dataclasses.replace(scene, blades=b) for b in (blades, alike))
     found, wanted = (np.stack(steady_amplitudes(s)[1]) for s in (one, other))
-    np.testing.assert_allclose(found, wanted, rtol=1e-12)
+    assert_allclose(found, wanted, rtol=1e-12)
     assert one.depends_on_speed
     assert np.max(np.abs(found / np.stack(steady_amplitudes(scene)[1]) - 1)) > 1e-3

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import row_reference
 from modal_reference import assert_alike, difference
+from numpy.testing import assert_allclose, assert_array_equal
 from test_modal_blades import BY_BOTH, MODES, PERIODS, N
 
 import jaxshroud as js
@@ -69,7 +70,7 @@ def test_the_motion_without_contact_is_the_sum_of_the_modes(kind):
     q = phase * force / (modes.k - p.omega**2 + 1j * p.omega * modes.c)
     wanted = np.einsum("ajb,jb->ab", modes.shapes, q)
     found = np.stack(steady_amplitudes(scene)[1])
-    np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-13 * np.abs(wanted).max())
+    assert_allclose(found, wanted, rtol=1e-12, atol=1e-13 * np.abs(wanted).max())
     # Control: of the shrouds' loads alone.
     alone = np.stack(steady_amplitudes(case(kind, loads=0.0)[2])[1])
     assert np.max(np.abs(alone / found - 1)) > 0.01
@@ -81,9 +82,9 @@ def test_a_start_adds_to_that_of_the_shrouds():
     start = initial_states(scene).motion
     rest = np.array(start.q) - np.array([mode.q for mode in scene.blades.modes])
     assert scene.blades.modes[1].q[0] == 3e-5
-    np.testing.assert_allclose(np.array(start.rate), BEGIN[1][:, :2], rtol=1e-12)
+    assert_allclose(np.array(start.rate), BEGIN[1][:, :2], rtol=1e-12)
     moved = np.einsum("ajb,jb->ab", modes.shapes, rest)
-    np.testing.assert_allclose(moved, [[1e-6, -2e-6], [0, 0], [0, 0]], rtol=1e-9, atol=1e-16)
+    assert_allclose(moved, [[1e-6, -2e-6], [0, 0], [0, 0]], rtol=1e-9, atol=1e-16)
     assert not {f"blades.modes[{j}].{name}" for j in range(4) for name in "qv"} & {*numbers_that_count(scene)}
 
 
@@ -124,13 +125,11 @@ def test_a_file_gives_loads_of_modes(tmp_path):
     (one,) = scene.drive.harmonic
     given = {name: a.tolist() for name, a in one.modal.items()}
     assert given == {"Q1_re": [0.5, 0.25], "Q1_im": [7.0, 7.0]}
-    np.testing.assert_array_equal(one.F_y_re, 2.0)
+    assert_array_equal(one.F_y_re, 2.0)
     alike = parse(text_of(scene, {"periods": 2}), "text").scene
     assert jax.tree.all(jax.tree.map(np.array_equal, alike, scene))
     assert scene.blades.modes[0].q.tolist() == [1e-5, 1e-5]
-    np.testing.assert_array_equal(
-        scene.replace({"drive.harmonic[0].Q1_re[1]": 4.0}).drive.harmonic[0].modal["Q1_re"], [0.5, 4.0]
-    )
+    assert_array_equal(scene.replace({"drive.harmonic[0].Q1_re[1]": 4.0}).drive.harmonic[0].modal["Q1_re"], [0.5, 4.0])
     assert js.value_of(scene, "drive.harmonic[0].Q1_im") == 7.0
     with pytest.raises(js.KeyNameError, match=r"no load of its harmonic \[0\] acts on that mode"):
         scene.replace({"drive.harmonic[0].Q3_re": 1.0})
@@ -179,7 +178,7 @@ def test_a_static_start_is_that_of_the_lumped_blades_of_three_modes(kind):
     wanted = initial_states(lumped).motion
     found = initial_states(resting(p, modes)).motion
     moved = np.einsum("ajb,jb->ab", modes.shapes, np.array(found.q))
-    np.testing.assert_allclose(moved, np.array(wanted[:3]), rtol=1e-9, atol=1e-12 * np.abs(wanted.x).max())
+    assert_allclose(moved, np.array(wanted[:3]), rtol=1e-9, atol=1e-12 * np.abs(wanted.x).max())
     assert not np.any(np.array(found.rate))
     assert np.abs(wanted.x).min() > 0
     rigid = modes._replace(f=modes.f * [[0.0], [1.0], [1.0]])

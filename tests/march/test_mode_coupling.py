@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import row_reference
 from modal_reference import assert_alike, difference
+from numpy.testing import assert_allclose, assert_array_equal
 from test_modal_blades import BY_BOTH, MODES, PERIODS, N
 
 import jaxshroud as js
@@ -46,7 +47,7 @@ def test_modes_of_a_pair_are_coupled_one_by_one():
     scene, _, modes, _ = row_of("pair")
     pairs = [np.linalg.eigvalsh([[a + own, -own], [-own, b + own]]) for (a, b), own in zip(modes.k, KAPPA, strict=True)]
     squares = np.linalg.eigvalsh(free_system(scene).stiffness)
-    np.testing.assert_allclose(squares, np.sort(np.ravel(pairs)), rtol=1e-12)
+    assert_allclose(squares, np.sort(np.ravel(pairs)), rtol=1e-12)
 
 
 RING = 6
@@ -63,7 +64,7 @@ def test_a_ring_vibrates_by_nodal_diameters():
     scene, p = ring_of_alike_blades()
     swept = 4 * np.sin(np.pi * np.arange(RING) / RING) ** 2
     wanted = (ALIKE.k[:, :1] + KAPPA[:, None] * swept).ravel()
-    np.testing.assert_allclose(np.linalg.eigvalsh(free_system(scene).stiffness), np.sort(wanted), rtol=1e-12)
+    assert_allclose(np.linalg.eigvalsh(free_system(scene).stiffness), np.sort(wanted), rtol=1e-12)
     assert js.largest_frequency(scene) >= np.sqrt(wanted.max())
     # Under engine order h every blade moves as one with these frequencies.
     omega, h = p.omega, 2
@@ -72,7 +73,7 @@ def test_a_ring_vibrates_by_nodal_diameters():
     phi = ALIKE.shapes[..., 0]
     alone = phi @ ((np.array(loads) @ phi) / (k - omega**2 + 1j * omega * ALIKE.c[:, 0]))
     found = np.stack(steady_amplitudes(scene)[1])
-    np.testing.assert_allclose(np.abs(found), np.abs(alone)[:, None] * np.ones(RING), rtol=1e-10)
+    assert_allclose(np.abs(found), np.abs(alone)[:, None] * np.ones(RING), rtol=1e-10)
     # Control: without coupling they are others.
     free = np.stack(steady_amplitudes(coupled(scene, [None] * len(KAPPA)))[1])
     assert np.max(np.abs(np.abs(free) / np.abs(found) - 1)) > 0.05
@@ -86,8 +87,8 @@ def test_a_table_has_a_column_and_a_rigid_neighbour_is_refused(tmp_path):
     modes = js.load("table1", given).scene.blades.modes
     assert [None if mode.kappa is None else float(mode.kappa) for mode in modes] == [1e5, None, 2e5]
     ring = js.load("row_chain5", [*given, "blades.modes[0].kappa[1]=3e5"]).scene
-    np.testing.assert_array_equal(ring.blades.modes[0].kappa, [1e5, 3e5, 1e5, 1e5])
+    assert_array_equal(ring.blades.modes[0].kappa, [1e5, 3e5, 1e5, 1e5])
     scene = ring.replace({"blades.modes[2].kappa": 4e5})
-    np.testing.assert_array_equal(scene.blades.modes[2].kappa, np.full(4, 4e5))
+    assert_array_equal(scene.blades.modes[2].kappa, np.full(4, 4e5))
     with pytest.raises(js.InputError, match="not with a rigid neighbour"):
         _ = js.load("griffin", given).scene

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import jaxshroud as js
 from jaxshroud.batch.lanes import begin_lanes, initial_states
@@ -131,7 +132,7 @@ def counts(run, name):
 def test_an_event_is_counted_as_often_as_many_samples_rise_beyond_the_depth(layout):
     run, v = marched(layout), followed(layout).v
     for name, depth in depths(layout).items():
-        np.testing.assert_array_equal(counts(run, name), rises(v, depth), err_msg=name)
+        assert_array_equal(counts(run, name), rises(v, depth), err_msg=name)
     assert len(set(counts(run, "deep")[:, -1].ravel())) > 1  # lanes or interfaces differ
     # Controls: samples at ends of steps alone, and a march that does not locate events, miss short peaks.
     peaks = [name for name in depths(layout) if name.startswith("peak")]
@@ -144,7 +145,7 @@ def test_an_event_is_counted_as_often_as_many_samples_rise_beyond_the_depth(layo
 def test_an_event_at_the_instant_of_an_onset_is_counted_beside_it(layout):
     run = marched(layout)
     onsets = run.log.counters.onset_slip
-    np.testing.assert_array_equal(counts(run, "onset")[:, -1], np.reshape(onsets, (len(GAMMAS), -1)))
+    assert_array_equal(counts(run, "onset")[:, -1], np.reshape(onsets, (len(GAMMAS), -1)))
 
 
 @pytest.mark.full(but=["pair"])
@@ -208,12 +209,12 @@ def test_an_event_with_a_transition_changes_the_mode_and_the_forces():
     method = FAST._replace(events=(YIELDS,), ledger=True)
     run = run_lanes(scenes, initial_states(scenes), Plan(0, PERIODS, STEPS, 0.0, method), lambda _: None)
     true, samples = yielding_by_hand(2.5e5), run.samples
-    np.testing.assert_array_equal(samples.own["yields"].reshape(-1), true[:, 2])
+    assert_array_equal(samples.own["yields"].reshape(-1), true[:, 2])
     x, size = samples.motion.x.reshape(PERIODS, 2), np.abs(true[:, :2]).max()
     assert np.abs(x - true[:, :2]).max() < 2e-3 * size  # of the reference, whose events end with its steps
     # The springs lose half of their energy at each event, which the balance counts.
     lost = true[-1, 2] * 2.5e5 * DEEP**2 / 4
-    np.testing.assert_allclose(-samples.switched.sum(), lost, rtol=1e-6)
+    assert_allclose(-samples.switched.sum(), lost, rtol=1e-6)
     assert np.abs(samples.residual).max() < 1e-7 * samples.gross.max()
     # Control: without the event it is the article's spring.
     plain = run_lanes(scenes, initial_states(scenes), Plan(0, PERIODS, STEPS, 0.0, FAST), lambda _: None)

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import points_reference
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from quotients import assert_tangents_by_keys
 
 import jaxshroud as js
@@ -52,16 +53,16 @@ def test_a_march_agrees_with_an_independent_one(scene, method):
     size = np.abs(states).max(axis=(0, 2), keepdims=True)
     assert np.abs((ends_of(run) - states) / size).max() < 1e-8  # the error of events that are located by cubics
     for name, of_points in counts.items():
-        np.testing.assert_array_equal(run.counters[name], of_points.sum(axis=-1).reshape(np.shape(run.counters[name])))
+        assert_array_equal(run.counters[name], of_points.sum(axis=-1).reshape(np.shape(run.counters[name])))
     assert sum(n.sum() for n in counts.values()) > 20
     # Energy: the residual over the work of the drive, to the order of the method.
     assert abs(run.energy_residual) < 1e-10
     # What is told of the interface are sums over its points, and its mode follows from theirs.
-    np.testing.assert_allclose(run.point_N.sum(axis=-1), run.N, rtol=1e-13, atol=1e-12)
-    np.testing.assert_allclose(run.point_F.sum(axis=-1), run.F, rtol=1e-13, atol=1e-12)
+    assert_allclose(run.point_N.sum(axis=-1), run.N, rtol=1e-13, atol=1e-12)
+    assert_allclose(run.point_F.sum(axis=-1), run.F, rtol=1e-13, atol=1e-12)
     slips, sticks = (np.isin(run.point_mode, modes).any(axis=-1) for modes in ([2, 3], [1]))
-    np.testing.assert_array_equal(run.mode == Mode.APART, ~slips & ~sticks)
-    np.testing.assert_array_equal(run.mode == Mode.STICK, sticks & ~slips)
+    assert_array_equal(run.mode == Mode.APART, ~slips & ~sticks)
+    assert_array_equal(run.mode == Mode.STICK, sticks & ~slips)
     # Control: stiffer faces move otherwise.
     stiffer = js.simulate(js.vary(scene, "contact.gamma", 2.7), n_periods=PERIODS, method=method)
     assert np.abs((ends_of(stiffer) - states) / size).max() > 1e-2
@@ -96,9 +97,7 @@ def test_the_run_goes_on_from_its_last_state():
     first = js.simulate(scene, n_periods=1, method=METHOD)
     rest = js.simulate(scene, first.last, n_periods=1, method=METHOD)
     x = np.concatenate([first.motion.x[:-1], rest.motion.x])
-    np.testing.assert_allclose(
-        x, whole.motion.x, rtol=0, atol=1e-9 * np.abs(x).max()
-    )  # a slider is told by its stretch
+    assert_allclose(x, whole.motion.x, rtol=0, atol=1e-9 * np.abs(x).max())  # a slider is told by its stretch
 
 
 @pytest.mark.parametrize(
@@ -179,15 +178,15 @@ def test_forces_are_those_of_virtual_work_and_balance():
 
     load = place.load
     found = np.array([load.R_x, -load.R_x, load.R_y, -load.R_y, *load.M])
-    np.testing.assert_allclose(found, -jax.grad(energy)(jnp.asarray(q)), rtol=0, atol=1e-10 * np.abs(found).max())
+    assert_allclose(found, -jax.grad(energy)(jnp.asarray(q)), rtol=0, atol=1e-10 * np.abs(found).max())
     # Angular momentum: both moments, and that of the couple of forces at a distance of l_oa + gap between the centres.
     apart = float(2 * (model.block.a_x + model.block.b_x) / 2 + model.block.gap) + q[1] - q[0], q[3] - q[2]
     total = load.M[0] + load.M[1] + apart[0] * load.R_y - apart[1] * load.R_x
     assert abs(total) < 1e-12 * np.abs(found).max()
     # The half turn: displacements (-x_2, -y_2, theta_2, -x_1, -y_1, theta_1).
     turned = placed(3, np.array([-q[1], -q[0], -q[3], -q[2], q[5], q[4]]))[1].load
-    np.testing.assert_allclose([turned.R_x, turned.R_y], [load.R_x, load.R_y], rtol=1e-11)
-    np.testing.assert_allclose(turned.M, load.M[::-1], rtol=1e-11)
+    assert_allclose([turned.R_x, turned.R_y], [load.R_x, load.R_y], rtol=1e-11)
+    assert_allclose(turned.M, load.M[::-1], rtol=1e-11)
 
 
 @pytest.mark.parametrize(
@@ -205,7 +204,7 @@ def test_a_tilted_face_is_loaded_as_by_winklers_springs(points, of_force, of_mom
         N, M = np.sum(w * k * v), np.sum(w * k * v * s)
         true = k * p**2 / (2 * phi * l)
         errors.append((abs(N / true - 1), abs(M / (true * (l / 2 - p / (3 * phi))) - 1)))
-    np.testing.assert_allclose(np.max(errors, axis=0), (of_force, of_moment), rtol=0.01)
+    assert_allclose(np.max(errors, axis=0), (of_force, of_moment), rtol=0.01)
 
 
 def test_points_are_advised_where_faces_stay_nearly_parallel():

@@ -8,6 +8,7 @@ import json
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from published import CASES, OURS, PAGE, cells, numbers_shown, rows
 from scipy.linalg import eigh
 
@@ -63,7 +64,7 @@ def test_a_wall_is_a_blade_in_antiphase(published):
         js.simulate(mass_at_a_wall(*shared, *of, neighbour=name), n_periods=10, method=dopri8(1000)).motion.x[..., 0]
         for name, of in (("rigid", wall), ("blade", blade))
     ]
-    np.testing.assert_allclose(x[1], x[0], rtol=0, atol=1e-12)
+    assert_allclose(x[1], x[0], rtol=0, atol=1e-12)
     at = np.round(10_000 * np.array([0.05, 0.156, 0.25, 0.4, 0.5, 0.8, 0.9, 1.0])).astype(int)
     published("SDND102a", 1e6 * x[0][at])
 
@@ -163,8 +164,8 @@ def test_three_tubes_hit_each_other(published):
     run = js.simulate(scene, n_periods=1, method=dopri8(2000))
     published("SDNL105a", 1e3 * np.concatenate([run.motion.x[-1], run.motion.v_x[-1]]))
     exact = [0.01642647, 0.01116282, 0.0058874]  # by the piecewise linear solution of these modes
-    np.testing.assert_allclose(run.motion.x[-1], exact, rtol=1e-6)
-    np.testing.assert_allclose(run.motion.v_x[-1], [0.02542551, 0.04413354, 0.10456028], rtol=1e-6)
+    assert_allclose(run.motion.x[-1], exact, rtol=1e-6)
+    assert_allclose(run.motion.v_x[-1], [0.02542551, 0.04413354, 0.10456028], rtol=1e-6)
 
 
 @pytest.mark.published
@@ -177,7 +178,7 @@ def test_a_beam_hits_a_stop(published):
     run = js.simulate(modal_chain(2, modes, *mirrored), n_periods=2, method=dopri8(2000))
     ours = np.array([-1e6 * run.motion.x[2630, 0], -1e3 * run.motion.v_x[3132, 0]])
     published("SDNL104a", ours)
-    np.testing.assert_allclose(ours, [-1.72226, -4.4839902], rtol=1e-6)  # exact for these modes
+    assert_allclose(ours, [-1.72226, -4.4839902], rtol=1e-6)  # exact for these modes
 
 
 def bouncing_bar(count, k, far=1e7):

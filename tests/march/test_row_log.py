@@ -7,6 +7,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import jaxshroud as js
 from jaxshroud.batch.lanes import begin_lanes, initial_states
@@ -64,7 +65,7 @@ def test_what_is_logged_by_series_is_that_of_fine_steps(tmp_path):
 
     def close(a, b, rtol):
         a, b = np.asarray(a), np.asarray(b)
-        np.testing.assert_allclose(b, a, rtol=0, atol=rtol * np.max(np.abs(np.where(np.isfinite(a), a, 0))))
+        assert_allclose(b, a, rtol=0, atol=rtol * np.max(np.abs(np.where(np.isfinite(a), a, 0))))
 
     # Means are summed over the ends of steps, and the magnitude of the drive's power by halves of trials; where trials
     # end, and in their middles, are the largest displacements that are logged without ranges.
@@ -91,7 +92,7 @@ def test_the_penetration_at_the_start_counts():
     chain, pair = (
         logged(name, [*changes, "shroud.gap=-2mm"], 200) for name, changes in (("row_ring12", CHAIN), ("table1", PAIR))
     )
-    np.testing.assert_allclose(chain.log.v_max, pair.log.v_max, rtol=1e-12)
+    assert_allclose(chain.log.v_max, pair.log.v_max, rtol=1e-12)
     at_start = 2e-3 * np.sin(js.load("table1").scene.shroud.alpha)
-    np.testing.assert_allclose(chain.log.v_max, at_start, rtol=1e-12)
-    np.testing.assert_allclose(chain.log.within.v_max, at_start, rtol=1e-12)
+    assert_allclose(chain.log.v_max, at_start, rtol=1e-12)
+    assert_allclose(chain.log.within.v_max, at_start, rtol=1e-12)

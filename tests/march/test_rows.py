@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import reference
 import row_opinions
+from numpy.testing import assert_allclose, assert_array_equal
 from row_reference import RowParameters, simulate_row, table1_row
 from row_runs import EXACT_ROW, part_of_period, row_scene_of, run_rows
 
@@ -39,7 +40,7 @@ BY_SERIES = Choices(TaylorOptions(10, 1e-13), "series")
 def ends_of(rows, periods, steps=STEPS, method=EXACT_ROW):
     """States (rows, 6, N) after so many periods; every run must end OK."""
     runs = run_rows([row_scene_of(p) for p in rows], periods, steps, method)
-    np.testing.assert_array_equal(runs.last.status, Status.OK)
+    assert_array_equal(runs.last.status, Status.OK)
     return runs.motion[:, -1]
 
 
@@ -75,14 +76,14 @@ JUDGED = {
 def test_random_rows_are_those_of_the_second_opinion(place, method):
     rows = row_opinions.kept_rows(place)
     runs = run_rows([row_scene_of(row.parameters) for row in rows], row_opinions.PERIODS, FINE, method)
-    np.testing.assert_array_equal(runs.last.status, Status.OK)
+    assert_array_equal(runs.last.status, Status.OK)
     for lane, row in enumerate(rows):
         # A nudge of 1e-12 moves the end of a row by less than 1e-9: so may what both integrations err by. Blocks that
         # are apart may overlap at once when the corner that is next to the face changes: such an onset is located to
         # 2^-18 of a step, and its force jumps.
         assert furthest(runs.motion[lane], row.samples) < 1e-8
         counted = np.array([runs.counts(kind)[lane] for kind in reference.COUNTS])
-        np.testing.assert_array_equal(counted, row.counts)
+        assert_array_equal(counted, row.counts)
     # The work of the drive that is not accounted for: rounding of some thousand steps.
     assert np.max(np.abs(runs.residual)) < 1e-12
     # Controls: an interface that is wider by a nanometre, and the interfaces in another order.
@@ -224,11 +225,11 @@ def wave_frequencies(p, coupling):
 def test_natural_frequencies_of_stuck_rows():
     got = stuck_frequencies(ring(0))
     printed = np.sort([177.94, 522.69, 522.69, 688.04, 974.62, 1224.71, 1224.71, 1446.13])
-    np.testing.assert_allclose(got, printed, atol=0.005)  # two decimals are known
+    assert_allclose(got, printed, atol=0.005)  # two decimals are known
     p, chain, h = ring(0, 12), table1_row(5, False), np.arange(12)
-    np.testing.assert_allclose(stuck_frequencies(p), wave_frequencies(p, 4 * np.sin(math.pi * h / 12) ** 2), rtol=1e-10)
+    assert_allclose(stuck_frequencies(p), wave_frequencies(p, 4 * np.sin(math.pi * h / 12) ** 2), rtol=1e-10)
     along, h = stuck_frequencies(chain), np.arange(5)
-    np.testing.assert_allclose(along, wave_frequencies(chain, 4 * np.sin(math.pi * h / 10) ** 2), rtol=1e-10)
+    assert_allclose(along, wave_frequencies(chain, 4 * np.sin(math.pi * h / 10) ** 2), rtol=1e-10)
     closed = wave_frequencies(chain, 4 * np.sin(math.pi * h / 5) ** 2)
     assert np.max(np.abs(along / closed - 1)) > 0.02  # control: a chain is not a ring
 
@@ -262,7 +263,7 @@ def test_faces_that_rock_with_their_neighbours_come_to_rest(monkeypatch):
     coarse, fine = (js.simulate(scene, n_periods=1, method=method) for method in methods)
     assert (coarse.status, fine.status) == (Status.OK, Status.OK)
     size = np.abs(fine.motion.x).max()
-    np.testing.assert_allclose(coarse.motion.x[-1], fine.motion.x[-1], rtol=0, atol=1e-6 * size)  # found 5e-8
+    assert_allclose(coarse.motion.x[-1], fine.motion.x[-1], rtol=0, atol=1e-6 * size)  # found 5e-8
     assert coarse.counters["flat"].sum() > 0
     # Control: by the prediction of each interface alone the events of a step have no end.
     monkeypatch.setattr(row_trial, "most_turns", lambda grid: jnp.full(grid.turn.shape, 10**6, jnp.int32))
@@ -354,5 +355,5 @@ def test_a_face_that_has_just_become_flat_does_not_hide_what_is_due_at_another()
     lane = dataclasses.replace(lane, step=lane.step + 17, search=lane.search._replace(crossed=just, done=done))
     after = jax.jit(lambda lane: taylor_trials(lane, fixed, method, vmapped))(lane)
     assert after.state.case[3, 0] != FLAT
-    np.testing.assert_array_equal(after.state.mode, Mode.STICK)
+    assert_array_equal(after.state.mode, Mode.STICK)
     assert after.search.recheck[0]

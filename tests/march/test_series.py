@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import opinions
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pair_views import contact_of, rates_in
 from side_by_side import counts, ends, energy_residual, relative_error, run, scene_of, sizes, with_parts
 
@@ -125,7 +126,7 @@ def test_series_obey_the_right_hand_side_in_every_mode_and_case(table1, reading)
             got, right = np.asarray(got), np.asarray(right)
             keep = ~apart if name == "guards" and EVENTS[min(k, 3)].switches_case else np.full_like(apart, True)
             scale = np.abs(right[keep]).max()
-            np.testing.assert_allclose(got[keep], right[keep], rtol=0, atol=1e-12 * scale, err_msg=f"{name} {k}")
+            assert_allclose(got[keep], right[keep], rtol=0, atol=1e-12 * scale, err_msg=f"{name} {k}")
 
 
 @pytest.mark.full
@@ -221,15 +222,15 @@ def test_motion_events_and_energy_are_those_of_the_fine_march(scenes, fine, meth
     assert np.all(error <= max(100 * method.taylor.tolerance, 1e-11))
     for name in vars(fine.log.counters):
         if name != "grazing":
-            np.testing.assert_array_equal(counts(got, name), counts(fine, name), name)
+            assert_array_equal(counts(got, name), counts(fine, name), name)
     residual = np.abs(got.samples.residual.sum(-1)) / got.samples.gross.sum(-1)
     assert np.all(residual <= max(method.taylor.tolerance, 1e-12))
     near = max(100 * method.taylor.tolerance, 1e-11)
-    np.testing.assert_allclose(got.samples.power[..., 0], fine.samples.power[..., 0], rtol=near)
+    assert_allclose(got.samples.power[..., 0], fine.samples.power[..., 0], rtol=near)
     for mine, theirs in zip(got.last.accumulator.log.times, fine.last.accumulator.log.times, strict=True):
-        np.testing.assert_allclose(mine[0], theirs[0], atol=1e-5 * float(scenes[0].drive.period))
+        assert_allclose(mine[0], theirs[0], atol=1e-5 * float(scenes[0].drive.period))
     # The reference looks at the ends of its steps only, of which it has 2,000 a period.
-    np.testing.assert_allclose(got.log.v_max, fine.log.v_max, rtol=1e-4)
+    assert_allclose(got.log.v_max, fine.log.v_max, rtol=1e-4)
 
 
 def test_a_trial_does_not_outlast_a_quick_return():
@@ -291,7 +292,7 @@ def test_samples_are_read_off_and_cost_no_trial(table1):
     by = dict(method=js.Taylor(order=8, tolerance=1e-13, steps=400))
     many, few = (js.simulate(table1, n_periods=2, every=n, **by) for n in (1, 400))
     for name in Motion._fields:
-        np.testing.assert_array_equal(getattr(many.motion, name)[::400], getattr(few.motion, name))
+        assert_array_equal(getattr(many.motion, name)[::400], getattr(few.motion, name))
     assert float(many.work_drive) == float(few.work_drive)
     assert abs(many.energy_residual) <= 1e-12
     scenes, method = js.stack_scenes([table1]), Choices(TaylorOptions(8, 1e-13), "series")
@@ -303,7 +304,7 @@ def test_samples_are_read_off_and_cost_no_trial(table1):
                 np.asarray(getattr(many.motion, name)),
                 np.asarray(getattr(there.samples["motion"], name))[0, -1],
             )
-            np.testing.assert_allclose(read[stop], size, rtol=0, atol=1e-10 * np.abs(read).max())
+            assert_allclose(read[stop], size, rtol=0, atol=1e-10 * np.abs(read).max())
     assert np.any(np.diff(np.asarray(many.mode)[250:400]) != 0)  # events are among them
 
 
@@ -316,8 +317,8 @@ def test_lanes_are_read_off_each_at_its_own_pace(table1):
     both, *alone = (js.simulate(s, **by) for s in (js.stack_scenes(scenes), *scenes))
     for lane, one in enumerate(alone):
         got = np.asarray(both.motion.x)[lane]
-        np.testing.assert_allclose(got, one.motion.x, rtol=0, atol=1e-9 * np.abs(got).max())
-        np.testing.assert_array_equal(np.asarray(both.mode)[lane], one.mode)
+        assert_allclose(got, one.motion.x, rtol=0, atol=1e-9 * np.abs(got).max())
+        assert_array_equal(np.asarray(both.mode)[lane], one.mode)
 
 
 def test_crests_of_polynomials():
@@ -338,7 +339,7 @@ def test_without_torque_from_rest(table1):
     truth = run([scene] * 4, 3, 2000, FINE)
     assert np.all(counts(got, "flat") >= counts(got, "onset_slip") + counts(got, "onset_stick"))
     assert relative_error(ends(got), ends(truth), sizes(truth))[0] <= 1e-5
-    np.testing.assert_array_equal(*np.moveaxis(got.samples.motion.theta, -1, 0))
+    assert_array_equal(*np.moveaxis(got.samples.motion.theta, -1, 0))
     assert np.all(np.abs(energy_residual(got)) < 1e-7)
 
 
@@ -431,7 +432,7 @@ def test_a_guard_that_rises_twice_between_two_looks_is_not_passed_over():
         assert met.end < length
         length = met.end
     assert met.fire
-    np.testing.assert_allclose(met.end, first, rtol=1e-12)
+    assert_allclose(met.end, first, rtol=1e-12)
 
 
 @pytest.mark.release  # studies/missed_events.py
@@ -462,4 +463,4 @@ def test_a_rigid_neighbour_has_no_coordinates_of_its_own():
     scene = js.load("table1", ['parts.neighbour="rigid"', 'parts.motion=["x"]']).scene
     by_series = js.simulate(scene, n_periods=2, method=js.Taylor(steps=200)).last.motion.x
     plain = js.simulate(scene, n_periods=2, method=js.RungeKutta("dopri8", 400)).last.motion.x
-    np.testing.assert_allclose(by_series, plain, rtol=0, atol=1e-8 * np.abs(plain).max())
+    assert_allclose(by_series, plain, rtol=0, atol=1e-8 * np.abs(plain).max())

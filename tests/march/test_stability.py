@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from jaxshroud.march.stability import largest_eigenvalue, largest_frequency, step_report, steps_for, stiffest
 from jaxshroud.march.tableau import RK4
@@ -66,20 +67,20 @@ def test_squares_find_the_largest_eigenvalue_beside_others(gap):
     random = np.random.default_rng(7)
     turned = np.linalg.qr(random.standard_normal((64, 6, 6)))[0]
     M = 1e9 * turned @ (np.array([1, 1 - gap, 0.3, 0.1, 0, 0])[:, None] * turned.swapaxes(-1, -2))
-    np.testing.assert_allclose(largest_eigenvalue(jnp.asarray(M))[:, 0], np.linalg.eigvalsh(M)[:, -1], rtol=1e-12)
+    assert_allclose(largest_eigenvalue(jnp.asarray(M))[:, 0], np.linalg.eigvalsh(M)[:, -1], rtol=1e-12)
     assert float(largest_eigenvalue(jnp.zeros((6, 6)))[0]) == 0
 
 
 @pytest.mark.parametrize("gamma", [0.0, 2.5, 100.0])
 def test_it_is_that_of_a_system_of_six_springs(unequal, gamma):
     scene = vary(unequal, "contact.gamma", gamma)
-    np.testing.assert_allclose(largest_frequency(scene), frequency_by_hand(scene, gamma > 0), rtol=1e-10)
+    assert_allclose(largest_frequency(scene), frequency_by_hand(scene, gamma > 0), rtol=1e-10)
 
 
 def test_no_friction_leaves_its_spring_out(unequal):
     loose = vary(unequal, "friction.mu", 0.0)
-    np.testing.assert_allclose(largest_frequency(loose), frequency_by_hand(loose, friction=False), rtol=1e-10)
-    np.testing.assert_allclose(largest_frequency(loose), largest_frequency(vary(unequal, "friction.k_d", 0.0)))
+    assert_allclose(largest_frequency(loose), frequency_by_hand(loose, friction=False), rtol=1e-10)
+    assert_allclose(largest_frequency(loose), largest_frequency(vary(unequal, "friction.k_d", 0.0)))
     # Control: the spring does count where there is friction.
     assert float(largest_frequency(unequal)) > 1.01 * float(largest_frequency(loose))
 
@@ -87,7 +88,7 @@ def test_no_friction_leaves_its_spring_out(unequal):
 def test_without_any_contact_it_is_the_fastest_blades_own(unequal):
     free = vary(vary(unequal, "contact.k", 0.0), "friction.mu", 0.0)
     own = np.sqrt(unequal.blades.k_T / unequal.blades.I).max()  # torsion of the light left block
-    np.testing.assert_allclose(largest_frequency(free), own, rtol=1e-12)
+    assert_allclose(largest_frequency(free), own, rtol=1e-12)
 
 
 def test_a_step_is_refused_warned_of_or_passed():
@@ -121,16 +122,16 @@ def test_the_stiffest_lane_is_the_one_that_needs_most_steps(table1):
     lanes = jax.vmap(lambda k, w: vary(vary(table1, "contact.gamma", k), "drive.omega", w))
     scenes = lanes(jnp.array([2.5, 100.0, 1.0]), jnp.array([100.0, 1000.0, 536.0]))
     omega_max, period = stiffest(scenes, 1)
-    np.testing.assert_allclose(omega_max, largest_frequency(vary(table1, "contact.gamma", 2.5)), rtol=1e-12)
-    np.testing.assert_allclose(period, 2 * np.pi / 100.0, rtol=1e-15)
+    assert_allclose(omega_max, largest_frequency(vary(table1, "contact.gamma", 2.5)), rtol=1e-12)
+    assert_allclose(period, 2 * np.pi / 100.0, rtol=1e-15)
     alone = (largest_frequency(table1), table1.drive.period)
-    np.testing.assert_allclose(stiffest(table1, 0), alone, rtol=1e-14)
+    assert_allclose(stiffest(table1, 0), alone, rtol=1e-14)
 
 
 def test_an_overdamped_motion_counts_by_its_fastest_decay(table1):
     heavy = vary(table1, "blades.c_x", 4e3)  # exp(-t c / m) nearly: 5e4 rad/s against 7.7e3
     fastest = np.abs(np.roots([0.08, 4e3, 1e5])).max()
-    np.testing.assert_allclose(largest_frequency(heavy), fastest, rtol=1e-12)
+    assert_allclose(largest_frequency(heavy), fastest, rtol=1e-12)
     # RK4 follows such a decay up to 2.78 of it a step, and no further.
     T = float(table1.drive.period)
     with pytest.raises(StepTooLongError):
@@ -146,7 +147,7 @@ def test_automatic_steps_follow_the_stiffness(table1):
         float(largest_frequency(vary(table1, "contact.gamma", g))) * T / n
         for g, n in zip((0.0, 1e4), auto[::3], strict=True)
     ]
-    np.testing.assert_allclose(product, [0.2, 0.02], rtol=0.01)
+    assert_allclose(product, [0.2, 0.02], rtol=0.01)
     with pytest.raises(StepTooLongError, match="too slow"):
         steps_for(vary(table1, "drive.omega", 1e-3), 0, "auto", RK4)
     with pytest.raises(ValueError, match="at least 8"):

@@ -6,6 +6,7 @@ import modal_reference
 import numpy as np
 import pytest
 import row_reference
+from numpy.testing import assert_allclose, assert_array_equal
 from test_modal_blades import MODES
 
 import jaxshroud as js
@@ -40,10 +41,10 @@ def test_stress_is_the_sum_of_that_of_the_modes(method):
     run = swept(scene, method, **limits, **{"drive.F_x_mean": 5.0})
     loads = np.array([np.array(p.F_0) * np.cos(p.beta), np.array(p.F_0) * np.sin(p.beta), np.array(p.M_0)])
     q = np.einsum("ajb,ab->jb", modes.shapes, loads) / (modes.k - p.omega**2 + 1j * p.omega * modes.c)
-    np.testing.assert_allclose(run.sigma_a[0], np.abs(SIGMA @ q), rtol=1e-6)
-    np.testing.assert_allclose(run.sigma_m[0], SIGMA @ (modes.shapes[0] * 5.0 / modes.k), rtol=1e-4)
+    assert_allclose(run.sigma_a[0], np.abs(SIGMA @ q), rtol=1e-6)
+    assert_allclose(run.sigma_m[0], SIGMA @ (modes.shapes[0] * 5.0 / modes.k), rtol=1e-4)
     pulled = (run.sigma_m[0, 0] + 1e8) / 900e6
-    np.testing.assert_allclose(run.goodman[0], run.sigma_a[0] / 400e6 + [pulled, 0.0], rtol=1e-12)
+    assert_allclose(run.goodman[0], run.sigma_a[0] / 400e6 + [pulled, 0.0], rtol=1e-12)
     # What designs are compared with.
     assert free_level("sigma_a", scene) == pytest.approx(np.abs(SIGMA @ q)[0], rel=1e-12)
     loaded = scene.replace({**limits, "drive.F_x_mean": 5.0})
@@ -59,7 +60,7 @@ def test_stress_in_proportion_to_x_has_its_range(method):
     _, _, scene = stressed(scale * MODES.shapes[0][:, 0])
     run = swept(scene, method)
     about = run.sigma_m - scale * run.x_mean
-    np.testing.assert_allclose(run.sigma_a + np.abs(about), scale * run.x_peak, rtol=1e-12)
+    assert_allclose(run.sigma_a + np.abs(about), scale * run.x_peak, rtol=1e-12)
     assert np.abs(about).max() > 1e-3 * run.sigma_a.max()  # contact makes it lopsided
     assert np.max(run.v_max) > 0
 
@@ -77,17 +78,17 @@ def test_designs_have_less_stress(of):
     gap = np.array([1e-6, 1e-5, 4e-5])
     swept = getattr(js.sweep(scene, {"shroud.gap": gap}, amplitudes=True, **SHORT), of)
     found = js.table(scene, {"shroud.gap [m]": gap}, by=of, **SHORT)
-    np.testing.assert_array_equal(getattr(found, of), swept)
-    np.testing.assert_array_equal(np.argsort(found.rank), np.argsort(swept.max(axis=1)))
+    assert_array_equal(getattr(found, of), swept)
+    assert_array_equal(np.argsort(found.rank), np.argsort(swept.max(axis=1)))
     drawn = js.scatter(scene, {"shroud.gap": (1e-6, 4e-5)}, of=of, draws=4, **SHORT)
     again = getattr(js.sweep(scene, {"shroud.gap": drawn.drawn[:, 0]}, amplitudes=True, **SHORT), of)
-    np.testing.assert_allclose(drawn.level, again[:, 0], rtol=1e-12)  # of the left blade
+    assert_allclose(drawn.level, again[:, 0], rtol=1e-12)  # of the left blade
     assert np.max(np.abs(drawn.level / again[:, 1] - 1)) > 1e-3
     search = js.SearchOptions(scan=4, n_starts=1, updates=1)
     tuned = js.tune(scene, {"shroud.gap": (1e-6, 4e-5)}, of=of, search=search, **SHORT)
     design = {key: [value] for key, value in tuned.design.items()}
     own = getattr(js.sweep(scene, design, amplitudes=True, **SHORT), of)
-    np.testing.assert_allclose(tuned.level, own[0, 0], rtol=1e-2)
+    assert_allclose(tuned.level, own[0, 0], rtol=1e-2)
 
 
 def test_without_stress_or_limits_there_is_no_aim():
@@ -102,8 +103,8 @@ def test_limits_stand_beside_modes(tmp_path, capsys):
     file = tmp_path / "scene.toml"
     file.write_text(text_of(stressed(SIGMA)[-1].replace({"blades.sigma_e": [4e8, 5e8]}), {"periods": 1}), "utf-8")
     loaded = js.load(file, ["blades.sigma_0=20 MPa", "blades.sigma_e[1]=600 MPa"]).scene
-    np.testing.assert_array_equal(loaded.blades.sigma_e, [4e8, 6e8])
-    np.testing.assert_array_equal(loaded.blades.sigma_0, [2e7, 2e7])
+    assert_array_equal(loaded.blades.sigma_e, [4e8, 6e8])
+    assert_array_equal(loaded.blades.sigma_0, [2e7, 2e7])
     assert loaded.blades.sigma_u is None
     # A limit that is not given is none.
     assert js.value_of(loaded, "blades.sigma_u") == 1e30

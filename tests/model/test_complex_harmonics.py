@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import jaxshroud as js
 from jaxshroud.model.linear import free_power, steady_amplitudes
@@ -57,15 +58,15 @@ def test_both_forms_of_one_drive_move_the_blades_alike(name):
     method = js.Taylor(tolerance=1e-10) if name == "series" else js.RungeKutta(steps=200)
     wanted, found = motions(method, *row)
     size = min(len(wanted), len(found))
-    np.testing.assert_allclose(found[:size], wanted[:size], rtol=0, atol=1e-11 * np.abs(wanted).max())
+    assert_allclose(found[:size], wanted[:size], rtol=0, atol=1e-11 * np.abs(wanted).max())
 
 
 def test_closed_forms_are_alike():
     by_force, by_parts = (file_with(h).scene for h in (BY_FORCE, BY_PARTS))
-    np.testing.assert_allclose(free_power(by_parts), free_power(by_force), rtol=1e-13)
+    assert_allclose(free_power(by_parts), free_power(by_force), rtol=1e-13)
     for n, one in steady_amplitudes(by_force).items():
         for a, b in zip(steady_amplitudes(by_parts)[n], one, strict=True):
-            np.testing.assert_allclose(a, b, rtol=1e-13)
+            assert_allclose(a, b, rtol=1e-13)
 
 
 def test_an_elliptic_force_has_a_phase_for_each_coordinate():
@@ -76,12 +77,12 @@ def test_an_elliptic_force_has_a_phase_for_each_coordinate():
     turn = np.exp(1j * np.array([0.0, 0.4]))
     x = 30.0 * turn / (b.k_x - b.m * omega**2 + 1j * omega * b.c_x)
     y = 1j * np.array([20.0, -10.0]) * turn / (b.k_y - b.m * omega**2 + 1j * omega * b.c_y)
-    np.testing.assert_allclose(free.x, x, rtol=1e-13)
-    np.testing.assert_allclose(free.y, y, rtol=1e-13)
+    assert_allclose(free.x, x, rtol=1e-13)
+    assert_allclose(free.y, y, rtol=1e-13)
     # A derivative by a part that is 0 exists, and is that of differences.
     level = lambda value: jnp.sum(free_power(js.vary(scene, "drive.harmonic[0].F_x_im", value)))
     slope = float(jax.grad(level)(1e-3))
-    np.testing.assert_allclose(slope, (level(2e-3) - level(0.0)) / 2e-3, rtol=1e-6)
+    assert_allclose(slope, (level(2e-3) - level(0.0)) / 2e-3, rtol=1e-6)
 
 
 def test_keys_and_files_know_the_parts():
@@ -89,9 +90,9 @@ def test_keys_and_files_know_the_parts():
     assert js.value_of(file.scene, "drive.harmonic[1].M_im") == 0.3
     assert parse(file.text(), "again.toml").text() == file.text()
     one = js.vary(file.scene, "drive.harmonic[0].F_x_re[1]", 3.0)
-    np.testing.assert_allclose(one.drive.harmonic[0].F_x_re, [40 * np.cos(BETA) * np.cos(0.3), 3.0], rtol=1e-14)
+    assert_allclose(one.drive.harmonic[0].F_x_re, [40 * np.cos(BETA) * np.cos(0.3), 3.0], rtol=1e-14)
     louder = js.vary(file.scene, "drive.level", 2.0)
-    np.testing.assert_array_equal(louder.drive.harmonics()[2].M_im, [0.6, 0.6])
+    assert_array_equal(louder.drive.harmonics()[2].M_im, [0.6, 0.6])
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.linalg import block_diag, eigh
 
 import jaxshroud as js
@@ -58,7 +59,7 @@ def test_the_response_of_a_tuned_ring_is_that_of_its_nodal_diameter(order):
         m, c, k = (float(a[0]) for a in numbers[name])
         dynamic = k - omega**2 * m + 1j * omega * c + wave_stiffness(order, omega, name)
         want = np.asarray(loads[name]) * np.exp(1j * np.asarray(scene.drive.phase)) / dynamic
-        np.testing.assert_allclose(getattr(found, name), want, rtol=1e-12)
+        assert_allclose(getattr(found, name), want, rtol=1e-12)
     # Control: without coupling some displacement is another by far.
     apart = response(ring(f"drive.engine_order={order}"))
     assert abs(apart.x[0] / found.x[0] - 1) > 1e-3
@@ -92,16 +93,16 @@ def test_unlike_interfaces_a_chain_and_a_pair_are_those_of_matrices():
     chain = ring(*unlike, "row.closed=false", "row.mistuning=[0, 0.02, -0.01, 0.03]", n=4)
     pair = js.load("table1", ["coupling.k_x=3e4", "coupling.k_y=1e6", "coupling.c_T=0.1"]).scene
     for scene in (chain, pair):
-        np.testing.assert_allclose(np.array(response(scene)), direct(scene), rtol=1e-12)
+        assert_allclose(np.array(response(scene)), direct(scene), rtol=1e-12)
     held = js.load("table1", ["coupling.k_x=3e4", "parts.neighbour=rigid"]).scene
     stiffer = js.vary(js.load("table1", ["parts.neighbour=rigid"]).scene, "blades.k_x", [1.3e5, 1e5])
-    np.testing.assert_allclose(response(held).x, response(stiffer).x, rtol=1e-13)
+    assert_allclose(response(held).x, response(stiffer).x, rtol=1e-13)
 
 
 def test_mean_loads_hold_coupled_blades():
     pair = js.load("table1", ["coupling.k_x=3e4", "drive.F_x_mean=[5, -4]"]).scene
-    np.testing.assert_allclose(static_position(pair).x, direct(pair, 0)[0].imag, rtol=1e-13)
-    np.testing.assert_allclose(static_position(pair).x, np.linalg.solve([[1.3e5, -3e4], [-3e4, 1.3e5]], [5, -4]))
+    assert_allclose(static_position(pair).x, direct(pair, 0)[0].imag, rtol=1e-13)
+    assert_allclose(static_position(pair).x, np.linalg.solve([[1.3e5, -3e4], [-3e4, 1.3e5]], [5, -4]))
 
 
 def test_numbers_of_coupling_have_derivatives_of_the_power_without_contact():
@@ -118,7 +119,7 @@ def test_numbers_of_coupling_have_derivatives_of_the_power_without_contact():
     slopes = jax.jit(jax.jacfwd(power))(jnp.asarray(at))
     for i, step in enumerate(1e-4 * np.diag(at)):
         difference = (power(at + step) - power(at - step)) / (2 * step[i])
-        np.testing.assert_allclose(slopes[i], difference, rtol=1e-6)
+        assert_allclose(slopes[i], difference, rtol=1e-6)
 
 
 def modes(scene, contact, motion):
@@ -134,22 +135,22 @@ def test_natural_frequencies_and_damping_ratios_are_those_of_nodal_diameters():
         s = 4 * np.sin(np.pi * h / N) ** 2
         omega = np.sqrt((k_x + s * K_C["x"]) / m)
         mode = found[f"nodal diameter {h}"]
-        np.testing.assert_allclose(mode.frequency, omega / (2 * np.pi), rtol=1e-12)
-        np.testing.assert_allclose(mode.zeta, (c_x + s * C_C["x"]) / (2 * m * omega), rtol=1e-12)
+        assert_allclose(mode.frequency, omega / (2 * np.pi), rtol=1e-12)
+        assert_allclose(mode.zeta, (c_x + s * C_C["x"]) / (2 * m * omega), rtol=1e-12)
     # With all faces stuck: D_h = K + 4 sin^2(pi h / N) (K_c of the disk and of contact).
     stuck, s = js.check(scene), 4 * np.sin(np.pi * 2 / N) ** 2
     n, t = np.array([np.sin(np.pi / 3), -0.5]), np.array([0.5, np.sin(np.pi / 3)])
     D = np.diag([1e5, 3e6]) + s * (np.diag([2e4, 1e5]) + 2.6e5 * np.outer(n, n) + 1e6 * np.outer(t, t))
     want = np.sqrt(np.linalg.eigvalsh(D) / m) / (2 * np.pi)
     told = sorted({m.frequency for m in stuck.modes if m.contact == "stuck" and m.blades == "nodal diameter 2"})
-    np.testing.assert_allclose(told, want, rtol=1e-10)
+    assert_allclose(told, want, rtol=1e-10)
 
 
 def test_linear_answers_of_mistuned_rows_are_coupled():
     scene, delta = ring(*SPRINGS, *FLOW, 'parts.motion=["x"]'), np.array([0.02, -0.01, 0.0, 0.03, -0.02, 0.01])
     systems = linear_systems(jax.tree.map(lambda a: a[None], scene), "apart", 0)
     found = np.abs(linear_waves(jax.tree.map(lambda a: np.asarray(a)[0], systems), delta)[1])
-    np.testing.assert_allclose(found, np.abs(response(js.vary(scene, "row.mistuning", delta)).x), rtol=1e-11)
+    assert_allclose(found, np.abs(response(js.vary(scene, "row.mistuning", delta)).x), rtol=1e-11)
     # Control: the flow and the springs move it by far.
     assert np.max(np.abs(found / np.abs(response(ring('parts.motion=["x"]')).x) - 1)) > 1e-2
 
@@ -202,7 +203,7 @@ def test_accelerations_of_blades_in_a_flow_are_those_of_loops_over_them(closed):
                     force += K_C[name] * (q[n, other] - q[n, i]) + C_C[name] * (v[n, other] - v[n, i])
                     if name == "x":
                         force -= of_flow.real * q[n, other] + of_flow.imag / omega * v[n, other]
-            np.testing.assert_allclose(found[n][i, 0], force / float(m[i]), rtol=1e-12)
+            assert_allclose(found[n][i, 0], force / float(m[i]), rtol=1e-12)
 
 
 @pytest.mark.published
@@ -221,7 +222,7 @@ def test_a_published_blisk_of_24_sectors_is_assembled_by_coupling(published):
     found = np.sqrt(np.sort(np.linalg.eigvals(linear).real)) / (2 * np.pi)
     want = sorted(f for h, of in PRINTED.items() for f in of * (1 if h in (0, 12) else 2))
     nearest = [found[np.argmin(abs(found - f))] for f in want]
-    np.testing.assert_allclose(nearest, want, rtol=1e-9)  # of as many digits as are printed
+    assert_allclose(nearest, want, rtol=1e-9)  # of as many digits as are printed
     published("Blisk of 24 sectors", [nearest[want.index(f)] for f in PRINTED[0] + PRINTED[12]])
     # Control: without coupling every sector has the frequencies of a free one.
     assert abs(found[-1] - 619.34330474) > 1000
@@ -236,5 +237,5 @@ def test_the_response_of_such_sectors_is_that_of_the_assembled_matrices():
     load = np.zeros(3 * SECTORS, complex)
     load[disk] = np.asarray(scene.drive.harmonics()[1].F_x) * np.exp(1j * np.asarray(scene.drive.phase))
     want = np.linalg.solve(K - 700.0**2 * M, load)[disk]
-    np.testing.assert_allclose(response(scene).x, want, rtol=1e-10)
+    assert_allclose(response(scene).x, want, rtol=1e-10)
     assert np.all(eigh(K, M, eigvals_only=True) > 0)

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pair_views import contact_of, view_in
 
 from jaxshroud.march.event import first_kind
@@ -68,8 +69,8 @@ def test_the_hysteresis_loop_has_the_area_of_a_parallelogram(table1, steps_of_st
     N = slack * K_D / MU
     F, u = rubbed(table1, N)
     area = 4 * MU * N * (AMPLITUDE - slack)
-    np.testing.assert_allclose(loop_area(F, u), area, rtol=1e-11)  # v = 1e-5 m is known to 1e-17 m
-    np.testing.assert_allclose([F.max(), -F.min()], MU * N, rtol=1e-11)
+    assert_allclose(loop_area(F, u), area, rtol=1e-11)  # v = 1e-5 m is known to 1e-17 m
+    assert_allclose([F.max(), -F.min()], MU * N, rtol=1e-11)
     assert loop_area(F, u) < 0.97 * 4 * MU * N * AMPLITUDE  # control: rigid Coulomb friction would lose more
 
 
@@ -77,19 +78,19 @@ def test_a_cycle_within_the_slack_loses_nothing(table1):
     # mu N / k_d beyond the amplitude (and the stretch left by the first approach): stick throughout.
     F, u = rubbed(table1, 2.5 * AMPLITUDE * K_D / MU)
     assert abs(loop_area(F, u)) < 1e-12 * K_D * AMPLITUDE**2
-    np.testing.assert_allclose(F - F.mean(), K_D * (u - u.mean()), atol=1e-10 * K_D * AMPLITUDE)
+    assert_allclose(F - F.mean(), K_D * (u - u.mean()), atol=1e-10 * K_D * AMPLITUDE)
 
 
 def test_force_and_stretch_by_mode():
     v, u, u_s = (jnp.asarray(value) for value in (3e-4, 5e-4, 4e-4))
     F = [float(LAW.friction_force(v, u, u_s, mode)) for mode in MODES]
     w = [float(LAW.stretch(v, u, u_s, mode)) for mode in MODES]
-    np.testing.assert_allclose(F, [0.0, 100.0, 150.0, -150.0], rtol=1e-12)  # k_d (u - u_s); +- mu k v
-    np.testing.assert_allclose(w, np.array(F) / K_D, rtol=1e-12)  # Eq. (2) in every mode
-    np.testing.assert_allclose([LAW.normal_force(v, mode) for mode in MODES], [0.0, 300.0, 300.0, 300.0])
+    assert_allclose(F, [0.0, 100.0, 150.0, -150.0], rtol=1e-12)  # k_d (u - u_s); +- mu k v
+    assert_allclose(w, np.array(F) / K_D, rtol=1e-12)  # Eq. (2) in every mode
+    assert_allclose([LAW.normal_force(v, mode) for mode in MODES], [0.0, 300.0, 300.0, 300.0])
     assert [float(slip_sign(mode, v.dtype)) for mode in MODES] == [0.0, 0.0, 1.0, -1.0]
     energy = [float(LAW.stored_energy(v, jnp.asarray(s), mode)) for s, mode in zip(w, MODES, strict=True)]
-    np.testing.assert_allclose(energy, [0.0, *(300.0**2 / (2 * K) + f**2 / (2 * K_D) for f in F[1:])], rtol=1e-12)
+    assert_allclose(energy, [0.0, *(300.0**2 / (2 * K) + f**2 / (2 * K_D) for f in F[1:])], rtol=1e-12)
 
 
 def test_the_slider_moves_as_the_corner_less_the_stretch():
@@ -106,7 +107,7 @@ def test_the_slider_moves_as_the_corner_less_the_stretch():
         return [moved(mode) for mode in MODES[2:]]
 
     for derivative, speed in both(v, u, v_rate, u_rate):
-        np.testing.assert_allclose(speed, derivative, rtol=1e-13, atol=1e-14)
+        assert_allclose(speed, derivative, rtol=1e-13, atol=1e-14)
     assert not any(float(LAW.slider_speed(v[0], u[0], mode)) for mode in MODES[:2])  # no slider, or a held one
 
 

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from side_by_side import with_parts
 
 import jaxshroud as js
@@ -169,10 +170,10 @@ def test_own_laws_are_differentiable_in_both_modes():
     for i in range(len(p)):
         ends = [f(p.at[i].multiply(1 + c * h)) for c in (-2, -1, 1, 2)]
         found = (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * h * p[i])
-        np.testing.assert_allclose(found, slopes[:, i], rtol=0, atol=1e-6 * np.max(np.abs(slopes[:, i])))
+        assert_allclose(found, slopes[:, i], rtol=0, atol=1e-6 * np.max(np.abs(slopes[:, i])))
     weights = jnp.linspace(-1.0, 1.0, len(slopes))
     reverse = jax.jit(jax.grad(lambda p: observed(p) @ weights))(p)
-    np.testing.assert_allclose(reverse, weights @ slopes, rtol=1e-9)
+    assert_allclose(reverse, weights @ slopes, rtol=1e-9)
 
 
 @pytest.mark.full
@@ -190,8 +191,8 @@ def test_a_law_may_be_of_arrays():
     runs = {name: jax.jit(lambda s: js.rollout(s, None, 2))(scene) for name, scene in own.items()}
     a, b = runs["scalar"], runs["array"]
     assert a.status == b.status == Status.OK
-    np.testing.assert_allclose(b.saved.F, a.saved.F, rtol=1e-8)
-    np.testing.assert_allclose(b.state.motion.x, a.state.motion.x, rtol=1e-8)
+    assert_allclose(b.saved.F, a.saved.F, rtol=1e-8)
+    assert_allclose(b.state.motion.x, a.state.motion.x, rtol=1e-8)
     assert b.state.u_s.shape == (2,)
 
 
@@ -220,7 +221,7 @@ def test_the_rate_of_an_internal_state_belongs_to_the_check_of_the_step():
     auto, fine = (js.simulate(scene, n_periods=3, method=js.RungeKutta(steps=steps)) for steps in ("auto", 12800))
     assert 1200 < auto.steps_per_period < 6400
     size = np.abs(fine.motion.x).max()
-    np.testing.assert_allclose(auto.motion.x[-1], fine.motion.x[-1], rtol=0, atol=1e-4 * size)
+    assert_allclose(auto.motion.x[-1], fine.motion.x[-1], rtol=0, atol=1e-4 * size)
 
 
 @pytest.mark.full

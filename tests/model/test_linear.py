@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from jaxshroud.model.linear import free_power, power_reduction, steady_amplitudes
 from jaxshroud.model.rhs import blade_mean_square
@@ -100,7 +101,7 @@ def test_free_power_is_the_quadrature_over_time_and_area(unequal, M_0):
     # 3,000 N m turns the blocks by several radians: the closed form is not one of small angles.
     scene = vary(unequal, "drive.M_0", M_0)
     for sign_y in (-1.0, 1.0):  # the misprint in (22) is harmless: cross terms vanish by symmetry
-        np.testing.assert_allclose(free_power(scene), power_by_quadrature(scene, sign_y), rtol=1e-10)
+        assert_allclose(free_power(scene), power_by_quadrature(scene, sign_y), rtol=1e-10)
 
 
 def test_power_can_be_differentiated(unequal):
@@ -108,15 +109,15 @@ def test_power_can_be_differentiated(unequal):
     scene = vary(unequal, "drive.M_0", 0.0)
     force = jnp.asarray(20.0)
     power = lambda F_0: free_power(vary(scene, "drive.F_0", F_0))[0]
-    np.testing.assert_allclose(jax.grad(power)(force), 2 * power(force) / force, rtol=1e-12)
+    assert_allclose(jax.grad(power)(force), 2 * power(force) / force, rtol=1e-12)
 
 
 def test_a_reduction_without_drive_is_unknown_and_its_slope_is_no_infinity():
     # Where P_0 = 0 a bare quotient would be infinite, and its derivative NaN beside a finite number.
     for kind in (np.asarray, jnp.asarray):
-        np.testing.assert_array_equal(power_reduction(kind([1.0, 1.0]), kind([0.0, 2.0])), [np.nan, 50.0])
+        assert_array_equal(power_reduction(kind([1.0, 1.0]), kind([0.0, 2.0])), [np.nan, 50.0])
     slope = jax.grad(lambda P: jnp.nansum(power_reduction(P, jnp.array([0.0, 2.0]))))(jnp.array([1.0, 1.0]))
-    np.testing.assert_array_equal(slope, [0.0, -50.0])
+    assert_array_equal(slope, [0.0, -50.0])
 
 
 def test_the_square_displacement_of_a_block_that_turns_is_the_mean_over_its_area():
@@ -128,4 +129,4 @@ def test_the_square_displacement_of_a_block_that_turns_is_the_mean_over_its_area
     moved = points @ turn.T + (2e-3, -1e-3) - points
     gyration = jnp.asarray((0.05**2 + 0.035**2) / 12)
     found = blade_mean_square(2e-3, -1e-3, np.sin(theta), 1 - np.cos(theta), gyration, None)
-    np.testing.assert_allclose(found, (moved**2).sum(axis=1).mean(), rtol=1e-14)
+    assert_allclose(found, (moved**2).sum(axis=1).mean(), rtol=1e-14)

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import jaxshroud as js
 from jaxshroud.model.linear import free_power, static_position, steady_amplitudes
@@ -31,7 +32,7 @@ def at_static(scene):
 
 def test_files_and_keys_have_mean_loads():
     file = js.load("table1", ["drive.F_x_mean=[5 N, -5 N]", "drive.M_mean=0.2"])
-    np.testing.assert_array_equal(file.scene.drive.F_x_mean, [5.0, -5.0])
+    assert_array_equal(file.scene.drive.F_x_mean, [5.0, -5.0])
     again = js.load("table1", ["drive.F_x_mean=[5, -5]"]).scene
     assert js.value_of(again, "drive.F_x_mean[1]") == -5.0
     assert js.value_of(again, "drive.F_y_mean") == 0.0
@@ -43,12 +44,12 @@ def test_files_and_keys_have_mean_loads():
 def test_the_static_position_is_that_of_the_springs():
     scene = under(table1(), F_x_mean=[5.0, -4.0], F_y_mean=30.0, M_mean=[0.2, 20.0])
     at = static_position(scene)
-    np.testing.assert_allclose(at.x, [5e-5, -4e-5], rtol=1e-14)
-    np.testing.assert_allclose(at.y, [1e-5, 1e-5], rtol=1e-14)
-    np.testing.assert_allclose(at.sin, np.sin([1e-4, 1e-2]), rtol=1e-14)
+    assert_allclose(at.x, [5e-5, -4e-5], rtol=1e-14)
+    assert_allclose(at.y, [1e-5, 1e-5], rtol=1e-14)
+    assert_allclose(at.sin, np.sin([1e-4, 1e-2]), rtol=1e-14)
     assert static_position(table1()) is None
     row = under(js.load("table1", ["row.blades=2", "row.mistuning=[0.25, 0.0]"]).scene, F_x_mean=[5.0, 5.0])
-    np.testing.assert_allclose(static_position(row).x, [4e-5, 5e-5], rtol=1e-14)
+    assert_allclose(static_position(row).x, [4e-5, 5e-5], rtol=1e-14)
 
 
 @pytest.mark.full
@@ -56,12 +57,12 @@ def test_without_contact_power_is_about_the_static_position():
     # P = P_0, which the mean loads do not change; the motion is shifted by the static position.
     calm = ("parts.contact=none", "blades.c_x=100", "blades.c_y=200", "blades.c_T=2")
     scene = under(table1(*calm), F_x_mean=[5.0, -4.0], F_y_mean=30.0, M_mean=[0.2, 20.0])
-    np.testing.assert_array_equal(free_power(scene), free_power(table1(*calm)))
+    assert_array_equal(free_power(scene), free_power(table1(*calm)))
     power = js.power(scene, n_periods=2, transient=60, method=js.RungeKutta(steps=64))
-    np.testing.assert_allclose(power.P_d, 0.0, rtol=0, atol=1e-8)
-    np.testing.assert_allclose(power.final_P_d_vibration, 0.0, rtol=0, atol=1e-8)
+    assert_allclose(power.P_d, 0.0, rtol=0, atol=1e-8)
+    assert_allclose(power.final_P_d_vibration, 0.0, rtol=0, atol=1e-8)
     run = js.simulate(scene, n_periods=40, method=js.RungeKutta(steps=64)).motion
-    np.testing.assert_allclose(np.asarray(run.theta)[-64:].mean(axis=0), [1e-4, 1e-2], rtol=1e-7)
+    assert_allclose(np.asarray(run.theta)[-64:].mean(axis=0), [1e-4, 1e-2], rtol=1e-7)
     assert steady_amplitudes(scene)[0].x[0].imag == pytest.approx(5e-5)
 
 
@@ -84,10 +85,10 @@ def test_without_torsion_a_mean_force_is_a_gap(name):
     wanted, _ = motions(moved, method)
     found, _ = motions(at_static(loaded), method)
     shift = np.concatenate([at.x, at.y])
-    np.testing.assert_allclose(found - shift, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
+    assert_allclose(found - shift, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
     P, Q = (js.power(s, n_periods=4, transient=0, method=method) for s in (at_static(loaded), moved))
-    np.testing.assert_allclose(P.P_d, Q.P_d, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(P.final_P_d_vibration, Q.final_P_d_vibration, rtol=0, atol=1e-6)
+    assert_allclose(P.P_d, Q.P_d, rtol=0, atol=1e-6)
+    assert_allclose(P.final_P_d_vibration, Q.final_P_d_vibration, rtol=0, atol=1e-6)
 
 
 @pytest.mark.full
@@ -99,10 +100,10 @@ def test_a_ring_under_one_mean_force_moves_about_it():
     loaded = at_static(under(pressed, F_x_mean=7.0, F_y_mean=40.0))
     method, at = js.RungeKutta(steps=400), static_position(loaded)
     (wanted, alone), (found, both) = motions(pressed, method), motions(loaded, method)
-    np.testing.assert_allclose(found - np.concatenate([at.x, at.y]), wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
+    assert_allclose(found - np.concatenate([at.x, at.y]), wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
     ends = [js.power(s, n_periods=3, transient=0, method=method) for s in (pressed, loaded)]
-    np.testing.assert_allclose(ends[1].P_d, ends[0].P_d, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(ends[1].final_P_d_vibration, ends[0].final_P_d_vibration, rtol=0, atol=1e-6)
+    assert_allclose(ends[1].P_d, ends[0].P_d, rtol=0, atol=1e-6)
+    assert_allclose(ends[1].final_P_d_vibration, ends[0].final_P_d_vibration, rtol=0, atol=1e-6)
     assert alone.status == both.status
 
 
@@ -121,7 +122,7 @@ def test_gradients_by_mean_loads_are_differences():
                 ).level
             )
             slope = (8 * (level(1) - level(-1)) - (level(2) - level(-2))) / (12 * step)
-            np.testing.assert_allclose(found.value[key], slope, rtol=1e-6, atol=1e-9 * abs(found.level))
+            assert_allclose(found.value[key], slope, rtol=1e-6, atol=1e-9 * abs(found.level))
 
 
 @pytest.mark.full

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import jaxshroud as js
 from jaxshroud.model.arithmetic import sincos_turns
@@ -76,17 +77,17 @@ def test_free_blades_follow_both_harmonics():
     expected, s = closed_form(scene), scene.shroud
     for n, found in steady_amplitudes(scene).items():
         for name in COORDINATES:
-            np.testing.assert_allclose(getattr(found, name), expected[name, n], rtol=1e-12, atol=0)
+            assert_allclose(getattr(found, name), expected[name, n], rtol=1e-12, atol=0)
     run = js.simulate(on_steady_motion(scene, expected), n_periods=3, method=js.RungeKutta(steps=64))
     tau = np.asarray(run.t) * float(scene.drive.omega)
     for name in COORDINATES:
         wanted = at_phase(expected, name, tau)
-        np.testing.assert_allclose(getattr(run.motion, name), wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
+        assert_allclose(getattr(run.motion, name), wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
     tau = np.linspace(0, 2 * np.pi, 256, endpoint=False)
     x, y, theta = (at_phase(expected, name, tau) for name in COORDINATES)
     gyration = float(s.l_oa**2 + s.l_ab**2) / 12
     square = np.mean(x**2 + y**2 + gyration * 4 * np.sin(theta / 2) ** 2, axis=0)
-    np.testing.assert_allclose(free_power(scene), float(area(s)) * square, rtol=1e-12)
+    assert_allclose(free_power(scene), float(area(s)) * square, rtol=1e-12)
     # Control: the first harmonic alone.
     assert np.all(np.abs(free_power(table1()) / free_power(scene) - 1) > 0.01)
 
@@ -123,17 +124,17 @@ def test_it_marches_as_the_list_of_harmonics_that_says_the_same():
     scenes = own, eqx.tree_at(lambda s: s.drive, own, listed)
     found, wanted = (js.simulate(scene, n_periods=2, method=js.RungeKutta(steps=400)) for scene in scenes)
     assert found.counters["separation"] > 0
-    np.testing.assert_allclose(found.motion.x, wanted.motion.x, rtol=0, atol=1e-11 * np.abs(wanted.motion.x).max())
+    assert_allclose(found.motion.x, wanted.motion.x, rtol=0, atol=1e-11 * np.abs(wanted.motion.x).max())
 
 
 def test_what_concerns_all_harmonics_follows_from_them():
     drive = driven_twice(table1()).drive
     later, larger = drive.advanced(0.1), drive.scaled(2.0)
-    np.testing.assert_allclose(later.phase_2, np.asarray(drive.phase_2) + 0.2)
-    np.testing.assert_allclose(later.phase, np.asarray(drive.phase) + 0.1)
-    np.testing.assert_array_equal(larger.F_2, 2 * np.asarray(drive.F_2))
-    np.testing.assert_array_equal(larger.M_0, 2 * np.asarray(drive.M_0))
-    np.testing.assert_array_equal(larger.phase, drive.phase)
+    assert_allclose(later.phase_2, np.asarray(drive.phase_2) + 0.2)
+    assert_allclose(later.phase, np.asarray(drive.phase) + 0.1)
+    assert_array_equal(larger.F_2, 2 * np.asarray(drive.F_2))
+    assert_array_equal(larger.M_0, 2 * np.asarray(drive.M_0))
+    assert_array_equal(larger.phase, drive.phase)
 
 
 def test_a_file_cannot_name_it():

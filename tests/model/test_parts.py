@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from side_by_side import EXACT, ends, run, sizes, with_parts
 
 import jaxshroud as js
@@ -61,7 +62,7 @@ def test_the_closed_form_at_any_damping(table1, changes, name):
     got = js.sweep(free, {"drive.F_0": [60.0]}, n_periods=2, method=js.RungeKutta(steps=400), transient=0)
     size = sizes(stepped)[0].reshape(6, 2)
     for field, at, whole in zip(got.motion, stepped.samples.motion, size, strict=True):
-        np.testing.assert_allclose(field[0], at[0], rtol=0, atol=1e-9 * whole.max(), err_msg=name)
+        assert_allclose(field[0], at[0], rtol=0, atol=1e-9 * whole.max(), err_msg=name)
 
 
 @pytest.mark.release
@@ -72,11 +73,11 @@ def test_samples_of_a_free_scene_lie_on_one_motion(table1):
     whole = js.simulate(free, n_periods=2, method=js.RungeKutta(steps=100))
     first = js.simulate(free, n_periods=1, method=js.RungeKutta(steps=100))
     second = js.simulate(free, first.last, n_periods=1, method=js.RungeKutta(steps=100), t=float(first.t[-1]))
-    np.testing.assert_allclose(second.motion.x, whole.motion.x[100:], rtol=0, atol=1e-15)
+    assert_allclose(second.motion.x, whole.motion.x[100:], rtol=0, atol=1e-15)
     swept = js.sweep(
         free, {"drive.F_0": [60.0]}, n_periods=1, phase=np.pi / 2, method=js.RungeKutta(steps=400), transient=0
     )
-    np.testing.assert_allclose(swept.motion.x[0, 0], whole.motion.x[125], rtol=0, atol=1e-15)
+    assert_allclose(swept.motion.x[0, 0], whole.motion.x[125], rtol=0, atol=1e-15)
 
 
 @pytest.mark.release
@@ -190,7 +191,7 @@ def test_blades_without_contact_are_apart_all_the_time(table1):
         transient=2,
         method=js.RungeKutta(steps=400),
     )
-    np.testing.assert_array_equal([found.time_apart, found.time_stick, found.time_slip], [[1, 1], [0, 0], [0, 0]])
+    assert_array_equal([found.time_apart, found.time_stick, found.time_slip], [[1, 1], [0, 0], [0, 0]])
 
 
 @pytest.mark.release(only=["none"])

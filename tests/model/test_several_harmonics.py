@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import reference
+from numpy.testing import assert_allclose, assert_array_equal, assert_array_less
 
 import jaxshroud as js
 from jaxshroud.model.linear import area, free_power, steady_amplitudes
@@ -67,8 +68,8 @@ def positions(scene, method, periods=3):
 def test_one_harmonic_of_order_1_is_the_drive_bit_for_bit():
     scene, method = table1(), js.RungeKutta(steps=200)
     again = with_orders(scene, (1, scene.drive.F_0, scene.drive.M_0, None))
-    np.testing.assert_array_equal(positions(again, method), positions(scene, method))
-    np.testing.assert_array_equal(free_power(again), free_power(scene))
+    assert_array_equal(positions(again, method), positions(scene, method))
+    assert_array_equal(free_power(again), free_power(scene))
 
 
 @pytest.mark.full(but=["rk4"])
@@ -81,7 +82,7 @@ def test_two_harmonics_march_as_the_plain_integrator_says(name):
         wanted.append(run.y[:6].copy())
     wanted, size = np.array(wanted), np.abs(wanted).max(axis=0)
     method = {"rk4": js.RungeKutta("rk4", 12800), "series": js.Taylor(tolerance=1e-12, steps=400)}[name]
-    np.testing.assert_array_less(np.abs(positions(twice(table1()), method) - wanted).max(axis=0) / size, 1e-8)
+    assert_array_less(np.abs(positions(twice(table1()), method) - wanted).max(axis=0) / size, 1e-8)
     assert np.all(np.abs(positions(table1(), method) - wanted).max(axis=0) / size > 0.01)
 
 
@@ -91,7 +92,7 @@ def test_a_row_feels_harmonics_as_a_pair_does():
     row = js.load("table1", ["drive.M_0=0.1", "contact.gamma=2.5", "row.blades=2", "row.closed=false"]).scene
     method = js.RungeKutta(steps=400)
     found, wanted = positions(twice(row), method, 2), positions(pair, method, 2)
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-11 * np.abs(wanted).max())
+    assert_allclose(found, wanted, rtol=0, atol=1e-11 * np.abs(wanted).max())
 
 
 @pytest.mark.full
@@ -102,7 +103,7 @@ def test_order_3_of_a_third_of_the_frequency_is_the_drive():
         scene, (3, scene.drive.F_0, scene.drive.M_0, None), phase=scene.drive.phase / 3, omega=scene.drive.omega / 3
     )
     wanted = positions(scene, js.RungeKutta(steps=800))[2]
-    np.testing.assert_allclose(positions(slow, js.RungeKutta(steps=2400), 1)[0], wanted, rtol=0, atol=1e-12)
+    assert_allclose(positions(slow, js.RungeKutta(steps=2400), 1)[0], wanted, rtol=0, atol=1e-12)
 
 
 @pytest.mark.full
@@ -112,7 +113,7 @@ def test_the_second_harmonic_of_opposite_phases_is_in_phase():
     assert np.abs(motion.x[:, 0]).max() > 1e-5
     for name in COORDINATES:
         left, right = np.asarray(getattr(motion, name)).T
-        np.testing.assert_allclose(left, right, rtol=0, atol=1e-13 * max(np.abs(left).max(), 1e-9))
+        assert_allclose(left, right, rtol=0, atol=1e-13 * max(np.abs(left).max(), 1e-9))
 
 
 def test_power_and_amplitudes_without_contact_are_those_of_all_harmonics():
@@ -125,10 +126,10 @@ def test_power_and_amplitudes_without_contact_are_those_of_all_harmonics():
     gyration = float(scene.shroud.l_oa**2 + scene.shroud.l_ab**2) / 12
     square = np.mean(at("x") ** 2 + at("y") ** 2 + 4 * gyration * np.sin(at("theta") / 2) ** 2, axis=1)
     assert 5 < np.abs(at("theta")).max() < 50
-    np.testing.assert_allclose(free_power(scene), float(area(scene.shroud)) * square, rtol=1e-13)
+    assert_allclose(free_power(scene), float(area(scene.shroud)) * square, rtol=1e-13)
     slow = jax.tree.map(np.asarray, free[4])
     stiff = 1e5 - 0.08 * (4 * 536.0) ** 2 + 4j * 536.0 * 3.57
-    np.testing.assert_allclose(slow.x[0], 9.0 * np.cos(np.pi / 6) * np.exp(0.7j) / stiff, rtol=1e-3)
+    assert_allclose(slow.x[0], 9.0 * np.cos(np.pi / 6) * np.exp(0.7j) / stiff, rtol=1e-3)
 
 
 def test_check_tells_all_orders_and_their_resonances():
@@ -162,5 +163,5 @@ def test_gradients_by_harmonics_are_differences():
             for side in (-1, 1)
         ]
         wanted = (ends[1].P_d - ends[0].P_d) / (2 * step)
-        np.testing.assert_allclose(found.value[key], np.mean(wanted), rtol=1e-5)
+        assert_allclose(found.value[key], np.mean(wanted), rtol=1e-5)
     assert jnp.isfinite(found.value["drive.level"])

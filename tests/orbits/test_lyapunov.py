@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import jaxshroud as js
 from jaxshroud import load
@@ -52,7 +53,7 @@ def test_textbook_maps(step, start, known):
     assert np.all(np.abs(mean - known) <= 1.5 * ci + 1e-4)
     # The sum is the mean logarithm of the determinant, whatever the frames do: exact.
     if step is not logistic:
-        np.testing.assert_allclose(mean.sum(), np.log(0.3) if step is henon else 0.0, atol=1e-12)
+        assert_allclose(mean.sum(), np.log(0.3) if step is henon else 0.0, atol=1e-12)
 
 
 def test_blades_that_never_touch_forget_with_their_dampers():
@@ -63,7 +64,7 @@ def test_blades_that_never_touch_forget_with_their_dampers():
     found = largest_exponents(scenes, initial_states(scenes), 32, 100, FAST)
     exact = -damping / (2 * 0.08) * np.asarray(scenes.drive.period)
     # RK4 at omega h = 0.13 damps by (omega h)^5 / 144 a step more: 3e-5 of a period's 0.15 at least.
-    np.testing.assert_allclose(found.exponent, exact, rtol=0.02)
+    assert_allclose(found.exponent, exact, rtol=0.02)
     assert np.all(np.abs(found.exponent - exact) <= found.ci + 2e-4)
 
 
@@ -93,7 +94,7 @@ def test_there_are_as_many_exponents_as_states(overrides, moving, slider):
     motion = found.exponents[~np.isin(found.exponents, [0.0, -np.inf])]
     assert len(motion) == moving
     exact = -moving / 2 * 40 / 0.08 * float(scene.drive.period)
-    np.testing.assert_allclose(motion.sum(), exact, rtol=1e-3)  # RK4 damps by (omega h)^5 / 144 a step more
+    assert_allclose(motion.sum(), exact, rtol=1e-3)  # RK4 damps by (omega h)^5 / 144 a step more
     assert found.stuck == (slider == [0.0])
     assert ("slider in permanent stick" in repr(found)) == found.stuck
 
@@ -109,7 +110,7 @@ def test_a_slider_that_slips_has_lost_its_memory():
     found = js.lyapunov(scene, n_periods=16, transient=60, **STEPS)
     exact = np.log(np.abs(js.orbit(scene, q=1, state=found.last, **STEPS).multipliers[:2]))
     # Frames of two directions turn for 16 periods, over which their growth parts by exp(0.47) each: 5e-4 at most.
-    np.testing.assert_allclose(found.exponents[:2], exact, atol=5e-4)
+    assert_allclose(found.exponents[:2], exact, atol=5e-4)
     assert found.exponents[2:].tolist() == [-np.inf]
     assert np.isnan(found.ci[2])
 
@@ -124,7 +125,7 @@ def test_growth_below_rounding_is_not_resolved():
         mean = mean_exponents(np.array(growth))[0]
         assert np.isfinite(mean).tolist() == [True, is_known]
     mean, ci, _ = mean_exponents(np.array([[-1.0, np.nan, -2.0], [-1.0, -5.0, -np.inf]]))
-    np.testing.assert_array_equal(mean, [-1.0, np.nan, -np.inf])
+    assert_array_equal(mean, [-1.0, np.nan, -np.inf])
     assert np.isnan(ci[1:]).all()
 
 

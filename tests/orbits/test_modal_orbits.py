@@ -11,6 +11,7 @@ import modal_reference
 import numpy as np
 import pytest
 import row_reference
+from numpy.testing import assert_allclose, assert_array_less
 
 import jaxshroud as js
 from jaxshroud.io.restart import stored_end
@@ -55,8 +56,8 @@ def test_an_orbit_has_the_coordinates_of_its_modes(tmp_path):
         run = js.simulate(two_modes(), state=start, n_periods=1, method=METHOD)
         for name in ("x", "v_x"):
             there = getattr(run.motion, name)
-            np.testing.assert_allclose(there[-1], there[0], rtol=0, atol=1e-9 * np.abs(there).max())
-            np.testing.assert_allclose(there[0], getattr(found.motion, name), rtol=1e-12)
+            assert_allclose(there[-1], there[0], rtol=0, atol=1e-9 * np.abs(there).max())
+            assert_allclose(there[0], getattr(found.motion, name), rtol=1e-12)
     # Control: from x and v_x alone, which leave the modes undetermined, it does not.
     run = js.simulate(two_modes(), state=dataclasses.replace(start, motion=found.motion), n_periods=1, method=METHOD)
     assert np.abs(run.motion.x[-1] - run.motion.x[0]).max() > 1e-4 * np.abs(run.motion.x).max()
@@ -67,8 +68,8 @@ def test_exponents_are_the_multipliers():
     found, orbit = js.lyapunov(two_modes(), **{**SHORT, "n_periods": 32}), orbit_of_two()
     moving = np.log(np.abs(orbit.multipliers[:6]))
     assert found.exponents.shape == (6 + 1,)
-    np.testing.assert_allclose(found.exponents[:6].sum(), moving.sum(), rtol=1e-2)
-    np.testing.assert_allclose(found.exponents[0], moving[0], rtol=0.05)
+    assert_allclose(found.exponents[:6].sum(), moving.sum(), rtol=1e-2)
+    assert_allclose(found.exponents[0], moving[0], rtol=0.05)
     assert isinstance(found.last.motion, ModalMotion)
 
 
@@ -147,8 +148,8 @@ def test_derivatives_are_those_of_settled_sweeps(n, blades, points, seed):
     sizes = np.max(np.abs(wanted), axis=1, keepdims=True)
     # With 3200 steps the times of events, by cubics, leave 5e-8, with 800 up to 1e-5; rounding 1e-9 of the largest.
     allowed = 1e-6 * np.abs(wanted) + 1e-8 * sizes
-    np.testing.assert_array_less(errors, allowed / 10)
-    np.testing.assert_array_less(np.abs(slopes - wanted), allowed)
+    assert_array_less(errors, allowed / 10)
+    assert_array_less(np.abs(slopes - wanted), allowed)
     # Half the range is linear in the stress of all modes.
     assert sum(stress.value[key] * level_of(scene, key) for key in of_stress) == pytest.approx(stress.level, rel=1e-9)
     # Control: with the damper held instead of the damping ratio, the derivative by f is another one.
@@ -171,7 +172,7 @@ EXACT = js.RungeKutta("dopri8", 400, locate="bisection")
 @pytest.mark.parametrize("case", [SETTLED[2], SETTLED[-1], RINGS[0]])
 def test_derivatives_by_series_are_those_of_runge_kutta(case):
     wanted, found = scaled_slopes(case, EXACT), scaled_slopes(case, js.Taylor(14, 1e-13, 400))
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-9 * np.max(np.abs(wanted)))
+    assert_allclose(found, wanted, rtol=0, atol=1e-9 * np.max(np.abs(wanted)))
 
 
 @pytest.mark.full
@@ -203,7 +204,7 @@ def assert_close(found, wanted):
     """The same numbers to 1e-9 of the largest; what is not finite in the same places."""
     found, wanted = np.asarray(found), np.asarray(wanted)
     size = np.max(np.abs(wanted), where=np.isfinite(wanted), initial=0.0)
-    np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9 * size)
+    assert_allclose(found, wanted, rtol=1e-9, atol=1e-9 * size)
 
 
 MEASURED = {"t [s]": np.array([0.002, 0.004, 0.006]), "x_left [m]": np.array([1e-5, 3e-5, -2e-5])}
@@ -288,7 +289,7 @@ def test_a_stored_run_goes_on_with_the_coordinates_of_its_modes(tmp_path):
     one.save(tmp_path / "run.nc")
     for state in (one.last, stored_end(tmp_path / "run.nc", js.load(file)).state):
         run = js.simulate(two_modes(), state=state, n_periods=1, method=METHOD)
-        np.testing.assert_allclose(run.motion.x, both.motion.x[100:], rtol=0, atol=1e-12 * np.abs(run.motion.x).max())
+        assert_allclose(run.motion.x, both.motion.x[100:], rtol=0, atol=1e-12 * np.abs(run.motion.x).max())
     lumped = js.simulate(js.load("table1", ALONG_X), n_periods=1, method=METHOD)
     lumped.save(tmp_path / "lumped.nc")
     with pytest.raises(js.Error, match="coordinates of 3 modes"):
@@ -302,4 +303,4 @@ def test_the_map_of_a_period_goes_on_with_the_coordinates_of_its_modes():
     twice = js.period_map(two_modes(), once.state, method=METHOD)
     at_once = js.period_map(two_modes(), start, n_periods=2, method=METHOD)
     for one, other in zip(jax.tree.leaves(twice.state.motion), jax.tree.leaves(at_once.state.motion), strict=True):
-        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(other).max())
+        assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(other).max())

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import tomli_w
+from numpy.testing import assert_allclose, assert_array_equal
 
 from jaxshroud.cli.terminal import MAX_MESSAGE_LENGTH
 from jaxshroud.scene import units
@@ -317,11 +318,11 @@ def test_common_units_are_those_of_pint(unit, text, monkeypatch):
 
 def test_defaults():
     got = parse(GOOD, "a")
-    np.testing.assert_array_equal(got.scene.blades.inertia_y, got.scene.blades.m)
+    assert_array_equal(got.scene.blades.inertia_y, got.scene.blades.m)
     assert got.scene.contact.reading == frozenset()
     assert all(np.all(np.asarray(leaf) == 0) for leaf in got.scene.initial)
     assert (got.run.transient, got.axes, got.direction, got.keep) == (64, (), "independent", None)
-    np.testing.assert_array_equal(parse(GOOD, "a", ["blades.m=[1, 2]"]).scene.blades.inertia_y, [1.0, 2.0])
+    assert_array_equal(parse(GOOD, "a", ["blades.m=[1, 2]"]).scene.blades.inertia_y, [1.0, 2.0])
     assert tomllib.loads(parse(GOOD, "a", ["blades.m_y[1]=2"]).text())["blades"]["m_y"] == [0.08, 2.0]
     # Every number takes JAX's float type: float64 where x64 is on.
     assert {leaf.dtype for leaf in jax.tree.leaves(got.scene)} == {jnp.result_type(float)}
@@ -331,7 +332,7 @@ def test_gamma_and_k_replace_each_other():
     by_gamma = parse(GOOD, "a")
     by_k = parse(GOOD, "a", ["contact.k=2.5e5"])
     assert by_k.scene.contact.gamma is None
-    np.testing.assert_allclose(by_k.scene.k, by_gamma.scene.k, rtol=1e-7)  # equal but for rounding, float32 included
+    assert_allclose(by_k.scene.k, by_gamma.scene.k, rtol=1e-7)  # equal but for rounding, float32 included
     assert parse(by_k.text(), "b", ["contact.gamma=3"]).scene.contact.k is None
 
 
@@ -370,7 +371,7 @@ def test_readings(reading, kept):
 
 def test_later_overrides_win_and_drop_what_they_replace():
     got = parse(GOOD + SWEEP + "keep = 50", "a", ["sweep.values=[0.3, 2.5]", "contact.gamma=1", "contact.gamma=2"])
-    np.testing.assert_array_equal(got.axes[0].values, [0.3, 2.5])
+    assert_array_equal(got.axes[0].values, [0.3, 2.5])
     assert float(got.scene.contact.gamma) == 2.0
     assert (got.run.periods, got.sweep_run.periods) == (10, 50)
     got = parse(GOOD + SWEEP + "keep = 50", "a", ["run.periods=20"])
@@ -381,22 +382,22 @@ def test_sweep_axes():
     (one,) = parse(GOOD + SWEEP, "a").axes
     assert one.key == "contact.gamma"
     assert one.values.dtype == np.float64
-    np.testing.assert_array_equal(one.values, [0.0, 2.0, 4.0, 6.0, 8.0])
+    assert_array_equal(one.values, [0.0, 2.0, 4.0, 6.0, 8.0])
     grid = '[sweep]\nalong = ["blades.m[1]", "shroud.gap"]\nstart = ["80 g", "1 mm"]\nstop = [0.1, 2e-3]\n'
     grid += "num = [2, 3]"
     got = parse(GOOD + grid, "a")
-    np.testing.assert_array_equal(got.axes[0].values, [0.08, 0.1])
-    np.testing.assert_array_equal(got.axes[1].values, [1e-3, 1.5e-3, 2e-3])
+    assert_array_equal(got.axes[0].values, [0.08, 0.1])
+    assert_array_equal(got.axes[1].values, [1e-3, 1.5e-3, 2e-3])
     assert parse(got.text(), "b").text() == got.text()
 
 
 def test_axis_of_the_command_line():
     scene_file = parse(GOOD, "a")
-    np.testing.assert_array_equal(axis(scene_file, "shroud.gap", ["0.01 mm", "0.02mm"]).values, [1e-5, 2e-5])
-    np.testing.assert_array_equal(axis(scene_file, "shroud.gap", "1e-5, 0.02 mm").values, [1e-5, 2e-5])
-    np.testing.assert_array_equal(axis(scene_file, "blades.m", np.linspace(1, 2, 3)).values, [1, 1.5, 2])
+    assert_array_equal(axis(scene_file, "shroud.gap", ["0.01 mm", "0.02mm"]).values, [1e-5, 2e-5])
+    assert_array_equal(axis(scene_file, "shroud.gap", "1e-5, 0.02 mm").values, [1e-5, 2e-5])
+    assert_array_equal(axis(scene_file, "blades.m", np.linspace(1, 2, 3)).values, [1, 1.5, 2])
     got = axis(scene_file, "drive.phase[1]", start="0 deg", stop=1, num=2)
-    np.testing.assert_array_equal(got.values, [0, 1])
+    assert_array_equal(got.values, [0, 1])
     for key, values, expected in [
         (
             "contact.gama",
@@ -415,7 +416,7 @@ def test_axis_of_the_command_line():
             axis(scene_file, key, values)
     swept = replace(scene_file, axes=(axis(scene_file, "initial.x", [0.0, 1e-5, 3e-5]),), direction="forward")
     again = parse(swept.text(), "b")
-    np.testing.assert_array_equal(again.axes[0].values, [0.0, 1e-5, 3e-5])
+    assert_array_equal(again.axes[0].values, [0.0, 1e-5, 3e-5])
     assert again.direction == "forward"
 
 
@@ -429,7 +430,7 @@ def test_shipped_scenes(name, tmp_path):
     assert eqx.tree_equal(got.scene, again.scene)
     assert again.text() == got.text()
     for one, other in zip(got.axes, again.axes, strict=True):
-        np.testing.assert_array_equal(one.values, other.values)
+        assert_array_equal(one.values, other.values)
 
 
 def test_a_title_counts_modes_that_are_set_as_a_whole():
@@ -466,7 +467,7 @@ def test_eq21_puts_every_frequency_at_the_drives():
     blades, drive = load("eq21").scene.blades, load("eq21").scene.drive
     for stiffness, inertia in ((blades.k_x, blades.m), (blades.k_y, blades.inertia_y), (blades.k_T, blades.I)):
         # Five printed digits.
-        np.testing.assert_allclose(np.sqrt(np.asarray(stiffness / inertia)), float(drive.omega), rtol=2e-5)
+        assert_allclose(np.sqrt(np.asarray(stiffness / inertia)), float(drive.omega), rtol=2e-5)
 
 
 def test_a_missing_pint_is_not_an_unknown_unit(monkeypatch):

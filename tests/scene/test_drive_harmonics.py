@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import jaxshroud as js
 from jaxshroud.io.scene_numbers import dimension, key_label
@@ -25,11 +26,11 @@ def file_with(harmonics=FIRST + SECOND, overrides=()):
 def test_files_give_harmonics_as_tables_and_keep_them():
     file = file_with(overrides=["drive.harmonic[1].F[1]=7 N", "drive.level=2"])
     assert [one.order for one in file.scene.drive.harmonic] == [1, 2]
-    np.testing.assert_array_equal(file.scene.drive.harmonic[1].F, [25.0, 7.0])
+    assert_array_equal(file.scene.drive.harmonic[1].F, [25.0, 7.0])
     for text in (file.text(), text_of(file.scene, {"periods": 3})):
         again = parse(text, "again.toml").scene
         for key, value in numbers_of(file.scene).items():
-            np.testing.assert_array_equal(numbers_of(again)[key], value, err_msg=key)
+            assert_array_equal(numbers_of(again)[key], value, err_msg=key)
     assert tables_of(file.scene)["drive"]["harmonic[1].order"] == 2
     assert words_of(file.text())["drive.harmonic[1].order"] == "2"
     assert file.title.endswith("but level = 2, harmonic[1].F = 25 and 7 N")
@@ -38,20 +39,20 @@ def test_files_give_harmonics_as_tables_and_keep_them():
 def test_harmonics_have_the_phase_of_the_drive_times_their_order():
     harmonics = file_with().scene.drive.harmonics()
     assert list(harmonics) == [1, 2]
-    np.testing.assert_array_equal(harmonics[1].phase, [0.0, np.pi])
-    np.testing.assert_allclose(harmonics[2].phase, [0.3, 2 * np.pi + 1.9], rtol=1e-15)
+    assert_array_equal(harmonics[1].phase, [0.0, np.pi])
+    assert_allclose(harmonics[2].phase, [0.3, 2 * np.pi + 1.9], rtol=1e-15)
     louder = js.vary(file_with().scene, "drive.level", 3.0).drive.harmonics()
-    np.testing.assert_array_equal(louder[2].F_0, 3 * harmonics[2].F_0)
-    np.testing.assert_array_equal(louder[1].M_0, 3 * harmonics[1].M_0)
+    assert_array_equal(louder[2].F_0, 3 * harmonics[2].F_0)
+    assert_array_equal(louder[1].M_0, 3 * harmonics[1].M_0)
 
 
 def test_keys_of_harmonics_are_like_all_others():
     file = file_with()
     key = "drive.harmonic[1].F[0]"
-    np.testing.assert_array_equal(axis(file, key, ["1 N", "2 N"]).values, [1.0, 2.0])
+    assert_array_equal(axis(file, key, ["1 N", "2 N"]).values, [1.0, 2.0])
     scenes = js.scenes_from({key: [1.0, 2.0], "drive.harmonic[0].phase": [0.0, 0.5]}, file)
-    np.testing.assert_array_equal(scenes.drive.harmonic[1].F, [[1.0, 40.0], [2.0, 40.0]])
-    np.testing.assert_array_equal(scenes.drive.harmonic[0].phase, [[0.0, 0.0], [0.5, 0.5]])
+    assert_array_equal(scenes.drive.harmonic[1].F, [[1.0, 40.0], [2.0, 40.0]])
+    assert_array_equal(scenes.drive.harmonic[0].phase, [[0.0, 0.0], [0.5, 0.5]])
     assert js.value_of(file.scene, key) == 25.0
     assert dimension(key) == "harmonic_1_F_left"
     assert key_label("drive.harmonic[1].M") == "moment amplitude of harmonic [1] $M_{1}$"
@@ -65,7 +66,7 @@ def test_keys_of_harmonics_are_like_all_others():
 def test_the_level_is_a_number_of_every_drive():
     scene = load("table1").scene
     assert js.value_of(scene, "drive.level") == 1.0
-    np.testing.assert_array_equal(js.vary(scene, "drive.level", 2.0).drive.harmonics()[1].F_0, [120.0, 120.0])
+    assert_array_equal(js.vary(scene, "drive.level", 2.0).drive.harmonics()[1].F_0, [120.0, 120.0])
     assert load("table1", ["drive.level=2"]).scene.drive.level == 2.0
 
 
@@ -74,7 +75,7 @@ def test_engine_orders_of_harmonics_give_that_of_the_drive():
     file = parse(_ring(orders), "ring.toml")
     assert file.given["drive.engine_order"] == 4
     assert [one.order for one in file.scene.drive.harmonic] == [1, 2]
-    np.testing.assert_allclose(file.scene.drive.phase, 2 * np.pi * 4 * np.arange(12) / 12, rtol=1e-15)
+    assert_allclose(file.scene.drive.phase, 2 * np.pi * 4 * np.arange(12) / 12, rtol=1e-15)
     assert parse(file.text(), "again.toml").given == file.given
     for base, multiples in ((2, [2, 4]), (1, [4, 8])):
         told = parse(_ring(orders, f"engine_order = {base}"), "ring.toml").scene

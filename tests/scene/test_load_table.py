@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import jaxshroud as js
 from jaxshroud.scene.config import load, parse
@@ -41,7 +42,7 @@ def test_harmonics_and_the_mean_of_a_table_are_found_to_rounding(tmp_path):
         for n, (re, im) in {3: (0.0, 0.0), **PARTS}.items():
             for load_name, scale in (("F_x", 1.0), ("M", 2e-3)):
                 entries = [found.entries[f"harmonic[{n - 1}].{load_name}_{part}"] for part in ("re", "im")]
-                np.testing.assert_allclose(entries, [scale * re, scale * im], rtol=0, atol=1e-12 * 25)
+                assert_allclose(entries, [scale * re, scale * im], rtol=0, atol=1e-12 * 25)
         assert found.entries["F_x_mean"] == pytest.approx(7.0, rel=1e-13)
         assert max(found.residuals.values()) < 1e-13
 
@@ -49,7 +50,7 @@ def test_harmonics_and_the_mean_of_a_table_are_found_to_rounding(tmp_path):
 def test_what_harmonics_leave_out_is_told(tmp_path):
     # Of 20^2 + 5^2 + 3^2 + 4^2 + 2^2 two harmonics leave 2^2, at angles at equal distances.
     found = fitted_table(written(tmp_path), 2)
-    np.testing.assert_allclose(found.residuals["F_x"], np.sqrt(4 / 454), rtol=1e-12)
+    assert_allclose(found.residuals["F_x"], np.sqrt(4 / 454), rtol=1e-12)
     (tmp_path / "own.toml").write_text(scene_text(), encoding="utf-8")
     assert load(str(tmp_path / "own.toml")).notes == {
         "load table": "2 harmonics leave 9.39 % of F_x, 9.39 % of M (RMS, about the mean)"
@@ -61,7 +62,7 @@ def test_a_scene_with_a_table_is_driven_by_it(tmp_path):
     (tmp_path / "own.toml").write_text(scene_text(), encoding="utf-8")
     file = load(str(tmp_path / "own.toml"), ["parts.contact=none"])
     scene = js.vary(file.scene, "drive.phase", [0.0, 0.7])
-    np.testing.assert_allclose(scene.drive.F_x_mean, 7.0, rtol=1e-14)
+    assert_allclose(scene.drive.F_x_mean, 7.0, rtol=1e-14)
     t = np.linspace(0, 1, 7) * float(scene.drive.period)
     degrees = np.degrees(float(scene.drive.omega) * t)
     for blade, phase in enumerate((0.0, 0.7)):
@@ -71,7 +72,7 @@ def test_a_scene_with_a_table_is_driven_by_it(tmp_path):
             for re, im in [[float(a[blade]) for a in one.parts("x")]]
         )
         wanted = force(degrees + np.degrees(phase), {n: PARTS[n] for n in (1, 2)})
-        np.testing.assert_allclose(loads, wanted, rtol=0, atol=1e-12 * 25)
+        assert_allclose(loads, wanted, rtol=0, atol=1e-12 * 25)
     # The written scene has the harmonics, and needs the table no more.
     again = parse(file.text(), "again.toml")
     assert again.text() == file.text()

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import jaxshroud as js
 from jaxshroud.scene.config import parse
@@ -52,7 +53,7 @@ def written(folder: Path, blades: str, csv: str = HEAD + LINES, rest: str = REST
 def alike(one, other):
     assert jax.tree.structure(one) == jax.tree.structure(other)
     for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
-        np.testing.assert_array_equal(a, b)
+        assert_array_equal(a, b)
 
 
 def by_file(folder: Path, *overrides: str) -> js.Scene:
@@ -70,14 +71,14 @@ def test_a_file_a_table_and_arrays_give_one_scene(tmp_path):
     )
     other = js.load(written(tmp_path, '[blades]\nmodes = "blade.csv"\n', squares)).scene
     for a, b in zip(jax.tree.leaves(scene), jax.tree.leaves(other), strict=True):
-        np.testing.assert_allclose(b, a, rtol=1e-14)
+        assert_allclose(b, a, rtol=1e-14)
 
 
 def test_an_override_names_another_table(tmp_path):
     written(tmp_path, "")
     over = f"blades.modes={tmp_path / 'blade.csv'}"
     lumped = js.load("table1", [over, "contact.k=2e5"]).scene
-    np.testing.assert_array_equal(np.stack([mode.f for mode in lumped.blades.modes]), np.repeat(F, 2).reshape(3, 2))
+    assert_array_equal(np.stack([mode.f for mode in lumped.blades.modes]), np.repeat(F, 2).reshape(3, 2))
     set_too = js.load("table1", [over, "contact.k=2e5", "blades.modes[1].f=500"])
     assert js.value_of(set_too.scene, "blades.modes[1].f") == 500.0
     assert "blades.modes[1].f" not in set_too.title
@@ -87,13 +88,13 @@ def test_an_override_names_another_table(tmp_path):
 def test_numbers_of_modes_have_keys(tmp_path):
     scene = by_file(tmp_path, "blades.modes[2].zeta=1%", "blades.modes[0].phi_x[1]=3.6", "blades.modes[1].f=0.5 kHz")
     assert js.value_of(scene, "blades.modes[2].zeta") == 0.01
-    np.testing.assert_array_equal(scene.blades.modes[0].phi_x, [3.5, 3.6])
+    assert_array_equal(scene.blades.modes[0].phi_x, [3.5, 3.6])
     assert js.value_of(scene, "blades.modes[1].f") == 500.0
     changed = js.vary(scene, "blades.modes[0].f[0]", 180.0)
-    np.testing.assert_array_equal(changed.blades.modes[0].f, [180.0, 178.0])
+    assert_array_equal(changed.blades.modes[0].f, [180.0, 178.0])
     assert changed.mode_numbers.stiffness[0][0] == (2 * np.pi * 180.0) ** 2
     many = js.scenes_from({"blades.modes[2].phi_theta": [20.0, 21.0]}, scene)
-    np.testing.assert_array_equal(many.blades.modes[2].phi_theta, [[20.0, 20.0], [21.0, 21.0]])
+    assert_array_equal(many.blades.modes[2].phi_theta, [[20.0, 20.0], [21.0, 21.0]])
 
     def k(f):
         return js.vary(scene, "blades.modes[0].f", f).mode_numbers.stiffness[0][0]
@@ -120,8 +121,8 @@ def test_coordinates_that_no_mode_moves_are_absent(tmp_path):
 def test_equivalents_are_masses_and_springs_of_the_shroud(tmp_path):
     scene = by_file(tmp_path)
     k = (2 * np.pi * np.array(F)) ** 2
-    np.testing.assert_allclose(scene.left_k_x, 1 / np.sum(PHI[0] ** 2 / k), rtol=1e-13)
-    np.testing.assert_allclose(scene.resting_blades.I, 1 / np.sum(PHI[2] ** 2), rtol=1e-13)
+    assert_allclose(scene.left_k_x, 1 / np.sum(PHI[0] ** 2 / k), rtol=1e-13)
+    assert_allclose(scene.resting_blades.I, 1 / np.sum(PHI[2] ** 2), rtol=1e-13)
 
 
 WRONG = {

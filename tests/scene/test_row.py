@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import jaxshroud as js
 from jaxshroud.io.scene_numbers import dimension, key_label
@@ -98,34 +99,32 @@ def test_the_pair_is_as_it_was(table1):
 
 def test_lists_are_one_per_blade_and_one_per_interface():
     scene = scene_of("blades = 3", "gap = 2.2e-5", 'gap = ["20 um", "25 um"]', ["blades.k_x=[1e5, 2e5, 3e5]"])
-    np.testing.assert_array_equal(scene.shroud.gap, [20e-6, 25e-6])
-    np.testing.assert_array_equal(scene.blades.k_x, [1e5, 2e5, 3e5])
-    np.testing.assert_array_equal(scene.k, [2.5e5, 5e5])  # k_x of the blade on the left
+    assert_array_equal(scene.shroud.gap, [20e-6, 25e-6])
+    assert_array_equal(scene.blades.k_x, [1e5, 2e5, 3e5])
+    assert_array_equal(scene.k, [2.5e5, 5e5])  # k_x of the blade on the left
     ring = scene_of("blades = 3\nclosed = true\nmistuning = 0.1", overrides=["blades.k_x=[1e5, 2e5, 3e5]"])
-    np.testing.assert_array_equal(ring.k, [2.5e5, 5e5, 7.5e5])  # of the nominal blade: mistuning is no part of gamma
+    assert_array_equal(ring.k, [2.5e5, 5e5, 7.5e5])  # of the nominal blade: mistuning is no part of gamma
 
 
 def test_an_engine_order_gives_the_phases_and_with_a_speed_the_frequency():
     index = np.arange(12)
-    np.testing.assert_array_equal(load(RING).scene.drive.phase, 2 * np.pi * 3 * index / 12)
+    assert_array_equal(load(RING).scene.drive.phase, 2 * np.pi * 3 * index / 12)
     turned = load(RING, ["drive.speed=1706 rpm"])
     assert float(turned.scene.drive.omega) == 3 * turned.given["drive.speed"]
     for order in (0, -1, 11):
-        np.testing.assert_allclose(
-            load(RING, [f"drive.engine_order={order}"]).scene.drive.phase, np.pi * order * index / 6
-        )
+        assert_allclose(load(RING, [f"drive.engine_order={order}"]).scene.drive.phase, np.pi * order * index / 6)
     # By f or omega the frequency stays where the order changes, by speed it follows.
     by_f = load(RING, ["drive.f=85 Hz", "drive.engine_order=2"]).scene
     assert float(by_f.drive.omega) == 2 * np.pi * 85.0
     assert float(js.vary(turned.scene, "drive.engine_order", 2.0).drive.omega) == 2 * turned.given["drive.speed"]
-    np.testing.assert_array_equal(load(CHAIN).scene.drive.phase, 2 * np.pi * 1.5 * np.arange(5) / 5)
+    assert_array_equal(load(CHAIN).scene.drive.phase, 2 * np.pi * 1.5 * np.arange(5) / 5)
 
 
 def test_phases_and_engine_order_replace_each_other():
     scene = js.vary(load(RING).scene, "drive.phase[3]", 0.25)
     assert "drive.engine_order" not in scene.given
     want = 2 * np.pi * 3 * np.arange(12) / 12
-    np.testing.assert_array_equal(scene.drive.phase, np.where(np.arange(12) == 3, 0.25, want))
+    assert_array_equal(scene.drive.phase, np.where(np.arange(12) == 3, 0.25, want))
     assert same(js.vary(scene, "drive.engine_order", 3.0), load(RING).scene)
     # A speed says nothing without an order: the frequency that it gave is a number then.
     turned = js.vary(load(RING, ["drive.speed=1706 rpm"]).scene, "drive.phase", 0.0)
@@ -135,27 +134,27 @@ def test_phases_and_engine_order_replace_each_other():
 
 def test_mistuning_is_drawn_by_its_seed():
     drawn = load(CHAIN).scene.row.mistuning
-    np.testing.assert_array_equal(drawn, 0.03 * np.random.default_rng(1).standard_normal(5))
-    np.testing.assert_array_equal(load(CHAIN).scene.row.mistuning, drawn)
+    assert_array_equal(drawn, 0.03 * np.random.default_rng(1).standard_normal(5))
+    assert_array_equal(load(CHAIN).scene.row.mistuning, drawn)
     assert not np.array_equal(load(CHAIN, ["row.mistuning={sigma=0.03, seed=2}"]).scene.row.mistuning, drawn)
     listed = tomllib.loads(load(CHAIN).text())["row"]["mistuning"]
-    np.testing.assert_array_equal(listed, drawn)
-    np.testing.assert_array_equal(scene_of('blades = 2\nmistuning = ["3 %", -0.01]').row.mistuning, [0.03, -0.01])
+    assert_array_equal(listed, drawn)
+    assert_array_equal(scene_of('blades = 2\nmistuning = ["3 %", -0.01]').row.mistuning, [0.03, -0.01])
 
 
 def test_one_blade_of_many_lanes():
     lanes = js.vary(js.scenes_from({"shroud.gap[1]": [1e-5, 2e-5]}, load(CHAIN)), "blades.m[4]", jnp.array([0.1, 0.2]))
-    np.testing.assert_array_equal(lanes.blades.m[:, 4], [0.1, 0.2])
-    np.testing.assert_array_equal(lanes.blades.m[:, :4], 0.08)
-    np.testing.assert_array_equal(lanes.shroud.gap[:, 1], [1e-5, 2e-5])
+    assert_array_equal(lanes.blades.m[:, 4], [0.1, 0.2])
+    assert_array_equal(lanes.blades.m[:, :4], 0.08)
+    assert_array_equal(lanes.shroud.gap[:, 1], [1e-5, 2e-5])
 
 
 def test_a_traced_row_varies_as_a_plain_one():
     scene = load(CHAIN).scene
     traced = jax.jit(lambda v: js.vary(js.vary(scene, "shroud.gap[2]", v), "drive.engine_order", v))(0.5)
     plain = js.vary(js.vary(scene, "shroud.gap[2]", 0.5), "drive.engine_order", 0.5)
-    np.testing.assert_array_equal(traced.shroud.gap, plain.shroud.gap)
-    np.testing.assert_allclose(traced.drive.phase, plain.drive.phase, rtol=1e-15)  # XLA may contract products
+    assert_array_equal(traced.shroud.gap, plain.shroud.gap)
+    assert_allclose(traced.drive.phase, plain.drive.phase, rtol=1e-15)  # XLA may contract products
 
 
 def test_numbers_are_read_by_their_keys():
@@ -195,7 +194,7 @@ def test_titles_of_long_lists_are_short():
 def test_the_pair_becomes_a_row_by_overrides_in_any_order(overrides):
     scene = load("table1", overrides).scene
     assert (scene.row.blades, scene.shroud.gap.shape, float(scene.drive.omega)) == (6, (5,), 536.0)
-    np.testing.assert_array_equal(scene.drive.phase, 2 * np.pi * 2 * np.arange(6) / 6)
+    assert_array_equal(scene.drive.phase, 2 * np.pi * 2 * np.arange(6) / 6)
 
 
 WRONG_FILES = {

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.fields import per_blade
@@ -19,12 +20,12 @@ def test_one_number_means_alike_blades():
     for value in (3, 3.0, np.float64(3.0), jnp.asarray(3.0)):
         pair = per_blade(value)
         assert pair.dtype == jnp.float64
-        np.testing.assert_array_equal(pair, [3.0, 3.0])
+        assert_array_equal(pair, [3.0, 3.0])
 
 
 @pytest.mark.parametrize("pair", [(1, 2.5), [1.0, 2.5], np.array([1.0, 2.5])])
 def test_a_pair_is_left_before_right(pair):
-    np.testing.assert_array_equal(per_blade(pair), [1.0, 2.5])
+    assert_array_equal(per_blade(pair), [1.0, 2.5])
 
 
 def test_what_is_no_number_passes_through():
@@ -34,9 +35,9 @@ def test_what_is_no_number_passes_through():
 
 
 def test_the_inertia_in_y_is_the_mass_unless_given(table1):
-    np.testing.assert_array_equal(table1.blades.inertia_y, table1.blades.m)
+    assert_array_equal(table1.blades.inertia_y, table1.blades.m)
     own = eqx.tree_at(lambda b: b.m_y, table1.blades, jnp.array([1.0, 2.0]), is_leaf=lambda x: x is None)
-    np.testing.assert_array_equal(own.inertia_y, [1.0, 2.0])
+    assert_array_equal(own.inertia_y, [1.0, 2.0])
     assert isinstance(Blades(*[1.0] * 8), Blades)
 
 
@@ -54,7 +55,7 @@ def test_an_unknown_misprint_is_named():
 
 def test_gamma_is_told_in_the_left_blades_k_x(table1):
     scene = vary(vary(table1, "blades.k_x", jnp.array([2e5, 7e5])), "contact.gamma", 3.0)
-    np.testing.assert_allclose(scene.k, 6e5, rtol=1e-15)
+    assert_allclose(scene.k, 6e5, rtol=1e-15)
 
 
 def test_k_and_gamma_drive_each_other_out(table1):
@@ -63,7 +64,7 @@ def test_k_and_gamma_drive_each_other_out(table1):
     assert float(stiff.k) == 4e5
     soft = vary(stiff, "contact.gamma", 2.0)
     assert soft.contact.k is None
-    np.testing.assert_allclose(soft.k, 2e5, rtol=1e-15)
+    assert_allclose(soft.k, 2e5, rtol=1e-15)
     printed = eqx.tree_at(lambda s: s.contact, table1, Contact(1.0, None, frozenset(MISPRINTS)))
     assert vary(printed, "contact.gamma", 2.0).contact.reading == set(MISPRINTS)
 
@@ -82,22 +83,22 @@ def test_one_number_is_replaced_and_no_other(table1, key):
     assert before.keys() == after.keys()
     changed = [path for path in before if not np.array_equal(before[path], after[path])]
     assert changed == [f".{table}.{name}"]
-    np.testing.assert_array_equal(after[changed[0]], np.broadcast_to(0.123, before[changed[0]].shape))
+    assert_array_equal(after[changed[0]], np.broadcast_to(0.123, before[changed[0]].shape))
     assert after[changed[0]].dtype == np.float64
 
 
 @pytest.mark.parametrize(("member", "want"), [("[0]", [7.0, 0.08]), ("[1]", [0.08, 7.0])])
 def test_one_blade_alone(table1, member, want):
-    np.testing.assert_array_equal(vary(table1, f"blades.m{member}", 7.0).blades.m, want)
+    assert_array_equal(vary(table1, f"blades.m{member}", 7.0).blades.m, want)
     # ... and where m_y is not given, from the mass it stands for.
-    np.testing.assert_array_equal(vary(table1, f"blades.m_y{member}", 7.0).blades.m_y, want)
+    assert_array_equal(vary(table1, f"blades.m_y{member}", 7.0).blades.m_y, want)
     assert table1.blades.m_y is None
 
 
 def test_a_pair_and_the_starting_motion(table1):
-    np.testing.assert_array_equal(vary(table1, "drive.phase", jnp.array([0.1, 0.2])).drive.phase, [0.1, 0.2])
-    np.testing.assert_array_equal(vary(table1, "blades.m_y", 0.5).blades.m_y, [0.5, 0.5])
-    np.testing.assert_array_equal(vary(table1, "initial.v_theta[1]", 3.0).initial.v_theta, [0.0, 3.0])
+    assert_array_equal(vary(table1, "drive.phase", jnp.array([0.1, 0.2])).drive.phase, [0.1, 0.2])
+    assert_array_equal(vary(table1, "blades.m_y", 0.5).blades.m_y, [0.5, 0.5])
+    assert_array_equal(vary(table1, "initial.v_theta[1]", 3.0).initial.v_theta, [0.0, 3.0])
 
 
 @pytest.mark.parametrize("key", ["contact.gamma", "contact.k", "blades.m_y[1]", "initial.theta", "shroud.gap"])
@@ -107,11 +108,11 @@ def test_many_values_are_one_batch(table1, key):
     for lane, value in enumerate(values):
         one = jax.tree.map(lambda leaf, lane=lane: leaf[lane], batch)
         for got, want in zip(jax.tree.leaves(one), jax.tree.leaves(vary(table1, key, value)), strict=True):
-            np.testing.assert_array_equal(got, want)
+            assert_array_equal(got, want)
 
 
 def test_the_drive_period(table1):
-    np.testing.assert_allclose(table1.drive.period, 2 * np.pi / 536.0, rtol=1e-15)
+    assert_allclose(table1.drive.period, 2 * np.pi / 536.0, rtol=1e-15)
 
 
 def test_numbers_are_arrays_so_that_changing_one_never_recompiles():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from jaxshroud import load, sweep
 from jaxshroud.march.method import RungeKutta
@@ -100,8 +101,8 @@ def test_lanes_keep_their_shape_and_do_not_disturb_each_other():
     lanes[1, 0] = np.nan
     found = periodicity(lanes)
     assert found.number.dtype == np.int32
-    np.testing.assert_array_equal(found.number, [[3, 16, 1], [0, 2, 8]])
-    np.testing.assert_array_equal(found.settled, [[True, True, True], [False, True, True]])
+    assert_array_equal(found.number, [[3, 16, 1], [0, 2, 8]])
+    assert_array_equal(found.settled, [[True, True, True], [False, True, True]])
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
@@ -246,8 +247,8 @@ def test_yes_is_never_wrong_without_contact():
         far = np.abs(got.motion.x - end.motion.x).max(axis=(1, 2)) / size
         assert not np.any((np.abs(got.P_d) > 0.02) & (got.P_d_settling == SETTLED)), transient
         assert not np.any((far > 5e-3) & (got.settling == SETTLED)), transient
-        np.testing.assert_array_equal(got.settled, got.settling == SETTLED)
-        np.testing.assert_array_equal(got.P_d_settled, got.P_d_settling == SETTLED)
+        assert_array_equal(got.settled, got.settling == SETTLED)
+        assert_array_equal(got.P_d_settled, got.P_d_settling == SETTLED)
         verdicts |= set(got.settling.tolist())
     assert {SETTLED, UNKNOWN_IF_SETTLED} <= verdicts
 

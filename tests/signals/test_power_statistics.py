@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import jaxshroud as js
 from jaxshroud.signals.averages import reduction
@@ -95,7 +96,7 @@ def test_fewer_than_six_orbits_are_the_batches_themselves():
     # Student's t for 3 - 1 degrees of freedom: 4.303.
     series = np.array([[1.0, 3.0, 2.0, 5.0, 4.0, 3.0]])  # three orbits of two periods: means 2, 3.5, 3.5
     by_hand = 4.302653 * np.std([2.0, 3.5, 3.5], ddof=1) / np.sqrt(3)
-    np.testing.assert_allclose(confidence_interval(series, 2), by_hand, rtol=1e-6)
+    assert_allclose(confidence_interval(series, 2), by_hand, rtol=1e-6)
     assert np.isnan(confidence_interval(series, 6)[0])  # one orbit: nothing to tell from
 
 
@@ -104,25 +105,25 @@ def test_n_is_the_largest_multiple_of_the_period_number(q, n):
     percent = np.random.default_rng(q).uniform(10, 20, (1, 25))
     found = reduction(as_power(percent), np.array([[2.0, 4.0]]), np.array([q], np.int32))
     assert found.n.tolist() == [n]
-    np.testing.assert_allclose(found.P_d, percent[:, 25 - n :].mean(axis=1), rtol=1e-12)  # the latest n periods
-    np.testing.assert_allclose(found.P, as_power(percent)[:, 25 - n :].mean(axis=1), rtol=1e-12)
-    np.testing.assert_array_equal(np.isnan(found.ci), [q == 16])
+    assert_allclose(found.P_d, percent[:, 25 - n :].mean(axis=1), rtol=1e-12)  # the latest n periods
+    assert_allclose(found.P, as_power(percent)[:, 25 - n :].mean(axis=1), rtol=1e-12)
+    assert_array_equal(np.isnan(found.ci), [q == 16])
 
 
 def test_P_d_is_the_left_blades():
     power = np.broadcast_to([1.5, 0.1], (1, 30, 2))
     found = reduction(power, np.array([[2.0, 0.2]]), np.array([1], np.int32))
-    np.testing.assert_allclose(found.P_d, 25.0, rtol=1e-14)  # Eq. (24), not the right blade's 50 %
+    assert_allclose(found.P_d, 25.0, rtol=1e-14)  # Eq. (24), not the right blade's 50 %
     assert (float(found.ci[0]), bool(found.settled[0])) == (0.0, True)
 
 
 def test_no_drive_has_no_reduction():
     power = np.ones((2, 30, 2))
     found = reduction(power, np.array([[0.0, 0.0], [2.0, 2.0]]), np.array([1, 1], np.int32))
-    np.testing.assert_array_equal(np.isnan(found.P_d), [True, False])
-    np.testing.assert_array_equal(np.isnan(found.ci), [True, False])
-    np.testing.assert_array_equal(found.settled, [False, True])
-    np.testing.assert_array_equal(found.P, 1.0)
+    assert_array_equal(np.isnan(found.P_d), [True, False])
+    assert_array_equal(np.isnan(found.ci), [True, False])
+    assert_array_equal(found.settled, [False, True])
+    assert_array_equal(found.P, 1.0)
 
 
 DRIFTS = {
@@ -154,26 +155,26 @@ def test_mixed_period_numbers_keep_the_order_of_lanes():
     rng = np.random.default_rng(15)
     power, P_0 = rng.uniform(1, 2, (2, 3, 50, 2)), rng.uniform(2, 3, (2, 3, 2))
     found = reduction(power, P_0, number)
-    np.testing.assert_array_equal(found.n, [[48, 50, 50], [48, 50, 48]])
+    assert_array_equal(found.n, [[48, 50, 50], [48, 50, 48]])
     for lane in np.ndindex(2, 3):
         alone = reduction(power[lane][None], P_0[lane][None], number[lane][None])
         for got, want in zip(found, alone, strict=True):
-            np.testing.assert_array_equal(got[lane], want[0])
+            assert_array_equal(got[lane], want[0])
 
 
 def test_a_single_lane_has_no_lane_dimension():
     percent = np.random.default_rng(16).uniform(10, 20, 40)
     found = reduction(as_power(percent), np.array([2.0, 4.0]), np.array(2, np.int32))
     assert [value.shape for value in found] == [(2,), *[()] * 9]
-    np.testing.assert_allclose(found.P_d, percent.mean(), rtol=1e-12)
+    assert_allclose(found.P_d, percent.mean(), rtol=1e-12)
 
 
 def test_a_stopped_lane_is_nan_alone():
     power = np.ones((2, 30, 2))
     power[0, 10:] = np.nan
     found = reduction(power, np.full((2, 2), 2.0), np.array([0, 1], np.int32))
-    np.testing.assert_array_equal(np.isnan(found.P_d), [True, False])
-    np.testing.assert_array_equal(found.settled, [False, True])
+    assert_array_equal(np.isnan(found.P_d), [True, False])
+    assert_array_equal(found.settled, [False, True])
 
 
 @pytest.mark.release

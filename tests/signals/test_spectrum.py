@@ -4,6 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from jaxshroud.signals.spectrum import amplitude_spectrum, label_lines, line_label, repeats_after, whole_periods
 
@@ -26,8 +27,8 @@ def test_a_sine_on_a_bin_has_its_own_amplitude(window):
     t = tau(12)
     frequency, amplitude = amplitude_spectrum(3 * np.sin(2 * t + 0.4) + 0.5 * np.cos(t / 3) - 7, 64, window)
     at = {f: amplitude[round(12 * f)] for f in (0, 1 / 3, 1, 2)}
-    np.testing.assert_allclose(list(at.values()), [7, 0.5, 0, 3], rtol=0, atol=10 * EXACT)
-    np.testing.assert_allclose(frequency, np.arange(12 * 32 + 1) / 12, rtol=1e-15)
+    assert_allclose(list(at.values()), [7, 0.5, 0, 3], rtol=0, atol=10 * EXACT)
+    assert_allclose(frequency, np.arange(12 * 32 + 1) / 12, rtol=1e-15)
 
 
 def test_only_the_last_whole_periods_count():
@@ -36,8 +37,8 @@ def test_only_the_last_whole_periods_count():
     signal = np.sin(t)
     signal[: signal.size - 5 * 64] = 1e9
     _, amplitude = amplitude_spectrum(signal, 64)
-    np.testing.assert_allclose(np.delete(amplitude, 5), 0, atol=EXACT)
-    np.testing.assert_allclose(amplitude[5], 1, atol=EXACT)
+    assert_allclose(np.delete(amplitude, 5), 0, atol=EXACT)
+    assert_allclose(amplitude[5], 1, atol=EXACT)
 
 
 def test_parseval():
@@ -45,7 +46,7 @@ def test_parseval():
     signal = np.random.default_rng(1).normal(size=640)
     _, a = amplitude_spectrum(signal, 64)
     power = a[0] ** 2 + (a[1:-1] ** 2).sum() / 2 + a[-1] ** 2
-    np.testing.assert_allclose(power, np.mean(signal**2), rtol=10 * EXACT)
+    assert_allclose(power, np.mean(signal**2), rtol=10 * EXACT)
 
 
 @pytest.mark.parametrize(("window", "peak"), [("rectangular", 2 / np.pi), ("hann", 8 / (3 * np.pi))])
@@ -53,7 +54,7 @@ def test_leakage_of_a_line_between_two_bins(window, peak):
     # The windows' transforms half a bin off centre. The mirror line, 2 x 100 bins away, adds 1/200 at most.
     t = tau(100)
     frequency, amplitude = amplitude_spectrum(np.sin(t * 1.005), 64, window)
-    np.testing.assert_allclose(amplitude[[100, 101]], peak, rtol=0.006)
+    assert_allclose(amplitude[[100, 101]], peak, rtol=0.006)
     far = amplitude[frequency > 3].max()
     # Tails at 200 bins: 1/(pi 200) = 1.6e-3 against 200^-3 / pi = 4e-8, mirror line included.
     assert far < 1e-6 if window == "hann" else far > 1e-4
@@ -65,7 +66,7 @@ def test_samples_that_miss_the_ends_of_periods():
     t = 2 * np.pi * np.arange(int(7 * rate) + 1) / float(rate)
     frequency, amplitude = amplitude_spectrum(2 * np.sin(t), rate)
     assert whole_periods(t.size, rate) == 6
-    np.testing.assert_allclose([frequency[6], amplitude[6]], [1, 2], atol=10 * EXACT)
+    assert_allclose([frequency[6], amplitude[6]], [1, 2], atol=10 * EXACT)
     assert repeats_after(np.sin(t), rate) == 3
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import jaxshroud as js
 from jaxshroud.batch.lanes import initial_states
@@ -74,11 +75,11 @@ def test_a_mean_shift_is_no_vibration(pressed):
     scene = pressed()
     run = js.sweep(scene, {"friction.mu": [50.0, 0.3]}, **SHORT)
     assert run.P_d_vibration[0] == pytest.approx(stuck_reduction(scene), abs=1e-6)
-    np.testing.assert_allclose(run.P_d, [39.2797, -46.3774], atol=1e-3)
-    np.testing.assert_allclose(run.P_d_vibration, [99.9026, 14.1846], atol=1e-3)
+    assert_allclose(run.P_d, [39.2797, -46.3774], atol=1e-3)
+    assert_allclose(run.P_d_vibration, [99.9026, 14.1846], atol=1e-3)
     assert np.all(run.P_d_vibration_ci < 1e-6)  # orbits of period 1
     final = js.power(scene, **SHORT).final
-    np.testing.assert_allclose([final["P_d"], final["P_d_vibration"]], [run.P_d[0], run.P_d_vibration[0]], rtol=1e-9)
+    assert_allclose([final["P_d"], final["P_d_vibration"]], [run.P_d[0], run.P_d_vibration[0]], rtol=1e-9)
 
 
 def square_series(random: np.random.Generator) -> tuple[np.ndarray, Positions, np.ndarray]:
@@ -132,7 +133,7 @@ def test_power_alone_is_unchanged():
     runs = [
         run_lanes(scenes, initial_states(scenes), Plan(0, 3, 100, 0.0, one), lambda _: None) for one in (FAST, FOR_P_D)
     ]
-    np.testing.assert_array_equal(*(run.samples.power for run in runs))
+    assert_array_equal(*(run.samples.power for run in runs))
     assert runs[0].samples.means is None
     assert np.isnan(averages(scenes, runs[0].samples)[1].P_d_vibration).all()
 
@@ -188,7 +189,7 @@ def test_who_tells_the_reduction_tells_that_of_the_vibration(pressed, verb):
     scene = pressed()
     found = TELLING[verb](scene, SHORT)
     told = np.ravel(found.P_d_vibration)
-    np.testing.assert_allclose(told, stuck_reduction(scene), atol=2e-6)
+    assert_allclose(told, stuck_reduction(scene), atol=2e-6)
     assert np.all(np.abs(told - np.ravel(found.P_d)[-1]) > 50)
 
 
@@ -232,6 +233,6 @@ def test_means_are_over_whole_orbits():
     whole, more = (js.sweep(scene, {"drive.F_0": [float(scene.drive.F_0[0])]}, n_periods=n, **run) for n in (63, 64))
     assert whole.period_number[0] == more.period_number[0] == 7
     for name in ("N_mean", "N_max", "friction_work", "slip", "impacts", "time_apart", "time_slip", "P_d_vibration"):
-        np.testing.assert_allclose(getattr(more, name), getattr(whole, name), rtol=1e-7, err_msg=name)
-    np.testing.assert_allclose([more.N_mean[0], more.friction_work[0]], [42.3772, 0.103359], rtol=1e-5)
+        assert_allclose(getattr(more, name), getattr(whole, name), rtol=1e-7, err_msg=name)
+    assert_allclose([more.N_mean[0], more.friction_work[0]], [42.3772, 0.103359], rtol=1e-5)
     assert 7 * more.impacts[0] == pytest.approx(23, rel=1e-12)
