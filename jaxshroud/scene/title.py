@@ -9,7 +9,7 @@ MOST_SHOWN = 4  # values of a list
 CHANGE_SEPARATOR = ", but "  # between a title and the overrides
 
 Tables = Mapping[str, Mapping[str, object]]
-Rows = dict[tuple[str, str], object]  # values by table and key
+ByKey = dict[tuple[str, str], object]  # values by table and key
 
 
 def retitled(title: str, now: Tables, before: Tables | None, set_: Collection[tuple[str, str]]) -> str:
@@ -32,7 +32,8 @@ def retitled(title: str, now: Tables, before: Tables | None, set_: Collection[tu
         new = {key: value for key, value in rows.items() if old(*key) != value}
     if not new:
         return title
-    changed = {display_name(*key): display_value(*key, value) for key, value in _without_modes(new, rows).items()}
+    shown = _without_modes(new, rows, set_)
+    changed = {display_name(*key): display_value(*key, value) for key, value in shown.items()}
     heading, _, earlier = title.partition(CHANGE_SEPARATOR)
     earlier_changes = [change for change in earlier.split(", ") if change and change.partition(" = ")[0] not in changed]
     return (
@@ -42,9 +43,9 @@ def retitled(title: str, now: Tables, before: Tables | None, set_: Collection[tu
     )
 
 
-def _without_modes(new: Rows, rows: Rows) -> Rows:
-    """The changes, those of many numbers of modes as one that tells how many modes there are."""
-    of_modes = [key for key in new if key[1].startswith("modes[")]
+def _without_modes(new: ByKey, rows: ByKey, set_: Collection[tuple[str, str]]) -> ByKey:
+    """The changes; many numbers of modes that were not set one by one are one, the number of modes."""
+    of_modes = {key for key in new if key[1].startswith("modes[")} - {*set_}
     if len(of_modes) <= MOST_SHOWN:
         return new
     count = len({key[1].partition("]")[0] for key in rows if key[1].startswith("modes[")})
